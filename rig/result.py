@@ -1,0 +1,147 @@
+"""The Rig: cameras and rectangles in one frame, how sure each is, and what the Views said."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from quadrig.single.lens import LENS_PARAMETERS, Intrinsics
+from quadrig.single.pose import Pose
+from quadrig.single.rectangle import Rectangle
+from quadrig.single.rotation import Array
+from quadrig.single.view import View
+
+CAMERA_PARAMETERS = len(LENS_PARAMETERS) + 6
+"""Length of one camera's block in Rig.covariance: nine of the lens, then the step of rig_from_camera."""
+
+
+@dataclass(frozen=True, eq=False)
+class Camera:
+    """One camera of a rig, solved.
+
+    free_lens: the lens parameters that were estimated (the others kept their given or neutral values);
+    lens_reason: why that lens, in words. rms: px, over the used points of the fit; views: how many Views it used.
+    observable_focal: False where no View could tell the focal from distance.
+    """
+
+    name: str
+    intrinsics: Intrinsics
+    rig_from_camera: Pose
+    free_lens: tuple[str, ...] = ()
+    lens_reason: str = ""
+    rms: float = float("nan")
+    left_out_rms: float = float("nan")
+    views: int = 0
+    observable_focal: bool = True
+
+
+@dataclass(frozen=True, eq=False)
+class PlacedRectangle:
+    """A rectangle where it stood: once where static, at each frameset where moving.
+
+    framesets (F,) int: empty for a static one. rig_from_rect: one Pose, or a batch (F,).
+    covariance: (6, 6), or (F, 6, 6), of the step of rig_from_rect.
+    """
+
+    rectangle: Rectangle
+    rig_from_rect: Pose
+    covariance: Array
+    framesets: Array = field(default_factory=lambda: np.zeros(0, int))
+
+    @property
+    def name(self) -> str:
+        """The rectangle's name."""
+        return self.rectangle.name
+
+
+@dataclass(frozen=True, eq=False)
+class ViewFit:
+    """How a View agrees with the rig. residuals (P, 2) px, seen minus predicted; nan where there is no prediction.
+
+    reading: index in view.readings of the reading that the rig's other Views chose.
+    used (P,): which points took part in the fit. rejected: why the whole View was thrown out, in words, or "".
+    """
+
+    view: View
+    residuals: Array
+    used: Array
+    reading: int = 0
+    rejected: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class Edge:
+    """One edge of the pose graph: what a View said by itself of camera and rectangle, against the rig.
+
+    rotation_error (rad) and translation_error (m) of camera_from_rect; sigmas: the same as a multiple of its own
+    uncertainty (square root of the Mahalanobis distance over its six degrees of freedom).
+    """
+
+    camera: str
+    rectangle: str
+    frameset: int
+    rotation_error: float
+    translation_error: float
+    sigmas: float
+    information: float
+    rejected: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Rig:
+    """The result of a calibration. Everything is in the rig frame: that of `reference`, a camera or a rectangle.
+
+    covariance (15 C, 15 C): joint, over the cameras in order; each block is the nine lens parameters and the step of
+    rig_from_camera (rotation, then translation, in the rig frame). Rows of fixed parameters are zero.
+    noise: the standard deviation of a pixel coordinate, px, as the data showed it.
+    rms, left_out_rms: px, of the fit, and of framesets that took no part in it.
+    working_accuracy: m, the sigma of a point triangulated in the volume where rectangles were seen (root mean
+    square over the volume, of the largest axis), from the calibration's doubt alone.
+    missing: a sentence for each camera that could not be placed, by name. weak: what is weak, in words.
+    """
+
+    reference: str
+    cameras: tuple[Camera, ...]
+    rectangles: tuple[PlacedRectangle, ...]
+    covariance: Array
+    fits: tuple[ViewFit, ...] = ()
+    edges: tuple[Edge, ...] = ()
+    noise: float = float("nan")
+    rms: float = float("nan")
+    left_out_rms: float = float("nan")
+    working_accuracy: float = float("nan")
+    missing: dict[str, str] = field(default_factory=dict)
+    weak: tuple[str, ...] = ()
+    costs: tuple[float, ...] = ()
+
+    def camera(self, name: str) -> Camera:
+        """The camera of that name. Raises KeyError."""
+        return self.cameras[self.camera_index(name)]
+
+    def camera_index(self, name: str) -> int:
+        """Where the camera stands in `cameras` and in `covariance`. Raises KeyError."""
+        for index, camera in enumerate(self.cameras):
+            if camera.name == name:
+                return index
+        raise KeyError(name)
+
+    def lens_covariance(self, name: str) -> Array:
+        """(9, 9), in the order of LENS_PARAMETERS."""
+        start = self.camera_index(name) * CAMERA_PARAMETERS
+        return self.covariance[start : start + 9, start : start + 9]
+
+    def pose_covariance(self, name: str) -> Array:
+        """(6, 6), of the step of rig_from_camera."""
+        start = self.camera_index(name) * CAMERA_PARAMETERS + 9
+        return self.covariance[start : start + 6, start : start + 6]
+
+    def focal_sigma(self, name: str) -> float:
+        """Standard deviation of the focal, px."""
+        return float(np.sqrt(self.lens_covariance(name)[0, 0]))
+
+    def rotation_sigma(self, name: str) -> float:
+        """Root of the summed variances of the three rotation components, rad."""
+        return float(np.sqrt(np.trace(self.pose_covariance(name)[:3, :3])))
+
+    def position_sigma(self, name: str) -> float:
+        """Root of the summed variances of the camera's position, m."""
+        return float(np.sqrt(np.trace(self.pose_covariance(name)[3:, 3:])))

@@ -1,0 +1,1 @@
+"""One camera, one image: corners in; focal, pose and covariance out. Pure functions on arrays."""

@@ -1,0 +1,259 @@
+"""Lenses: from a point in the camera frame to a pixel, back again, and the derivatives of both.
+
+A lens is nine numbers in the order of LENS_PARAMETERS. Two models share them: "pinhole" with radial-tangential
+distortion (Brown 1966, OpenCV's order k1 k2 p1 p2 k3) and "fisheye", the equidistant model of Kannala and Brandt
+(2006) with k1 k2 k3 k4 in the same five places (the last unused).
+Pixels: the centre of the top-left pixel is (0, 0). Camera axes: x right, y down, z forward.
+"""
+
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+import numpy as np
+
+from .rotation import Array
+
+LensModel = Literal["pinhole", "fisheye"]
+
+LENS_PARAMETERS = ("focal", "cx", "cy", "k1", "k2", "p1", "p2", "k3", "aspect")
+"""Names of the lens parameters in the order of every parameter vector and lens covariance."""
+
+# Newton's method for the inverse lens: convergence is quadratic, so ten steps from the undistorted guess are
+# twice what a lens of any use needs; a pixel that is not back to 1e-9 by then has no ray in front of the lens.
+_NEWTON_STEPS = 20
+_NEWTON_TOLERANCE = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class Intrinsics:
+    """What a lens and sensor do to rays: image size, focal, principal point, distortion.
+
+    focal: pixels, along x; aspect: focal along y over focal along x. principal_point (2,) pixels.
+    distortion (5,): k1 k2 p1 p2 k3 (pinhole) or k1 k2 k3 k4 0 (fisheye).
+    """
+
+    width: int
+    height: int
+    focal: float
+    principal_point: Array
+    distortion: Array = field(default_factory=lambda: np.zeros(5))
+    aspect: float = 1.0
+    model: LensModel = "pinhole"
+
+    @staticmethod
+    def centred(width: int, height: int, focal: float, model: LensModel = "pinhole") -> "Intrinsics":
+        """A lens without distortion whose axis meets the middle of the image."""
+        middle = np.array([(width - 1) / 2, (height - 1) / 2])
+        return Intrinsics(width, height, float(focal), middle, model=model)
+
+    @property
+    def parameters(self) -> Array:
+        """The nine numbers (9,) in the order of LENS_PARAMETERS."""
+        return np.array([self.focal, *self.principal_point, *self.distortion, self.aspect])
+
+    def with_parameters(self, parameters: Array) -> "Intrinsics":
+        """The same image and model with other numbers (9,)."""
+        p = np.asarray(parameters, float)
+        return replace(
+            self, focal=float(p[0]), principal_point=p[1:3].copy(), distortion=p[3:8].copy(), aspect=float(p[8])
+        )
+
+    @property
+    def camera_matrix(self) -> Array:
+        """K (3, 3) of x = K X."""
+        return np.array(
+            [
+                [self.focal, 0.0, self.principal_point[0]],
+                [0.0, self.focal * self.aspect, self.principal_point[1]],
+                [0.0, 0.0, 1.0],
+            ]
+        )
+
+    def project(self, points: Array) -> Array:
+        """Pixels (..., 2) of points (..., 3) in the camera frame; nan where the lens cannot see the point."""
+        return project(self.parameters, points, self.model)
+
+    def unproject(self, pixels: Array) -> Array:
+        """Unit rays (..., 3) of pixels (..., 2); nan where the lens has no ray for the pixel."""
+        return unproject(self.parameters, pixels, self.model)
+
+
+def project(parameters: Array, points: Array, model: LensModel = "pinhole") -> Array:
+    """Pixels (..., 2) of points (..., 3) in the camera frame, for lenses (..., 9) that broadcast against them.
+
+    nan where a point lies behind a pinhole, or on the axis behind a fisheye lens.
+    """
+    parameters, points = np.asarray(parameters, float), np.asarray(points, float)
+    plane = _plane_from_point(points) if model == "pinhole" else points
+    distort = _distort_radial_tangential if model == "pinhole" else _distort_equidistant
+    return _pixels(parameters, distort(parameters, plane))
+
+
+def project_with_derivatives(
+    parameters: Array, points: Array, model: LensModel = "pinhole"
+) -> tuple[Array, Array, Array]:
+    """Pixels (..., 2) with their derivatives by the lens (..., 2, 9) and by the point (..., 2, 3)."""
+    parameters, points = np.asarray(parameters, float), np.asarray(points, float)
+    if model == "pinhole":
+        plane = _plane_from_point(points)
+        distorted = _distort_radial_tangential(parameters, plane)
+        by_distortion, by_plane = _radial_tangential_derivatives(parameters, plane)
+        by_point = np.zeros((*by_plane.shape[:-1], 3))
+        inverse_depth = 1 / points[..., 2]
+        by_point[..., :2] = by_plane * inverse_depth[..., None, None]
+        by_point[..., 2] = -(by_point[..., 0] * plane[..., 0, None] + by_point[..., 1] * plane[..., 1, None])
+    else:
+        distorted = _distort_equidistant(parameters, points)
+        by_distortion, by_point = _equidistant_derivatives(parameters, points)
+    focal, aspect = parameters[..., 0], parameters[..., 8]
+    scale = np.stack([focal, focal * aspect], axis=-1)[..., None]
+    by_lens = np.zeros((*distorted.shape, 9))
+    by_lens[..., 0, 0] = distorted[..., 0]
+    by_lens[..., 1, 0] = aspect * distorted[..., 1]
+    by_lens[..., 0, 1] = 1
+    by_lens[..., 1, 2] = 1
+    by_lens[..., 3:8] = by_distortion * scale
+    by_lens[..., 1, 8] = focal * distorted[..., 1]
+    return _pixels(parameters, distorted), by_lens, by_point * scale
+
+
+def unproject(parameters: Array, pixels: Array, model: LensModel = "pinhole") -> Array:
+    """Unit rays (..., 3) of pixels (..., 2) by Newton's method; nan where no ray leads to the pixel."""
+    parameters, pixels = np.asarray(parameters, float), np.asarray(pixels, float)
+    focal, aspect = parameters[..., 0], parameters[..., 8]
+    distorted = (pixels - parameters[..., 1:3]) / np.stack([focal, focal * aspect], axis=-1)
+    with np.errstate(all="ignore"):
+        if model == "pinhole":
+            plane = _undistort_radial_tangential(parameters, distorted)
+            ray = np.concatenate([plane, np.ones((*plane.shape[:-1], 1))], axis=-1)
+        else:
+            ray = _ray_equidistant(parameters, distorted)
+        return ray / np.linalg.norm(ray, axis=-1, keepdims=True)
+
+
+def _pixels(parameters: Array, distorted: Array) -> Array:
+    focal, aspect = parameters[..., 0], parameters[..., 8]
+    return distorted * np.stack([focal, focal * aspect], axis=-1) + parameters[..., 1:3]
+
+
+def _plane_from_point(points: Array) -> Array:
+    with np.errstate(divide="ignore", invalid="ignore"):
+        depth = np.where(points[..., 2:] > 0, points[..., 2:], np.nan)
+        return points[..., :2] / depth
+
+
+def _distort_radial_tangential(parameters: Array, plane: Array) -> Array:
+    k1, k2, p1, p2, k3 = np.moveaxis(parameters[..., 3:8], -1, 0)
+    x, y = plane[..., 0], plane[..., 1]
+    square = x * x + y * y
+    radial = 1 + square * (k1 + square * (k2 + square * k3))
+    product = 2 * x * y
+    return np.stack(
+        [
+            x * radial + p1 * product + p2 * (square + 2 * x * x),
+            y * radial + p2 * product + p1 * (square + 2 * y * y),
+        ],
+        axis=-1,
+    )
+
+
+def _radial_tangential_derivatives(parameters: Array, plane: Array) -> tuple[Array, Array]:
+    """Of the distorted point by the five coefficients (..., 2, 5) and by the plane point (..., 2, 2)."""
+    k1, k2, p1, p2, k3 = np.moveaxis(parameters[..., 3:8], -1, 0)
+    x, y = plane[..., 0], plane[..., 1]
+    square = x * x + y * y
+    radial = 1 + square * (k1 + square * (k2 + square * k3))
+    slope = 2 * (k1 + square * (2 * k2 + square * 3 * k3))
+    by_distortion = np.empty((*np.broadcast_shapes(x.shape, k1.shape), 2, 5))
+    powers = np.stack([square, square**2, square**3], axis=-1)
+    by_distortion[..., 0, [0, 1, 4]] = x[..., None] * powers
+    by_distortion[..., 1, [0, 1, 4]] = y[..., None] * powers
+    by_distortion[..., 0, 2] = by_distortion[..., 1, 3] = 2 * x * y
+    by_distortion[..., 0, 3] = square + 2 * x * x
+    by_distortion[..., 1, 2] = square + 2 * y * y
+    by_plane = np.empty((*radial.shape, 2, 2))
+    by_plane[..., 0, 0] = radial + x * x * slope + 2 * p1 * y + 6 * p2 * x
+    by_plane[..., 1, 1] = radial + y * y * slope + 2 * p2 * x + 6 * p1 * y
+    by_plane[..., 0, 1] = by_plane[..., 1, 0] = x * y * slope + 2 * p1 * x + 2 * p2 * y
+    return by_distortion, by_plane
+
+
+def _undistort_radial_tangential(parameters: Array, distorted: Array) -> Array:
+    parameters = np.broadcast_to(parameters, (*distorted.shape[:-1], 9))
+    plane = distorted.copy()
+    for _ in range(_NEWTON_STEPS):
+        error = _distort_radial_tangential(parameters, plane) - distorted
+        if np.nanmax(np.abs(error), initial=0.0) < _NEWTON_TOLERANCE * 1e-4:
+            break
+        _, slope = _radial_tangential_derivatives(parameters, plane)
+        determinant = slope[..., 0, 0] * slope[..., 1, 1] - slope[..., 0, 1] * slope[..., 1, 0]
+        step_x = (slope[..., 1, 1] * error[..., 0] - slope[..., 0, 1] * error[..., 1]) / determinant
+        step_y = (slope[..., 0, 0] * error[..., 1] - slope[..., 1, 0] * error[..., 0]) / determinant
+        plane = plane - np.stack([step_x, step_y], axis=-1)
+    error = np.abs(_distort_radial_tangential(parameters, plane) - distorted).max(axis=-1)
+    _, slope = _radial_tangential_derivatives(parameters, plane)
+    # A folded lens maps two radii to one pixel: the ray is the one before the fold, where the map keeps sense.
+    unfolded = slope[..., 0, 0] * slope[..., 1, 1] - slope[..., 0, 1] * slope[..., 1, 0] > 0
+    return np.where(((error < _NEWTON_TOLERANCE) & unfolded)[..., None], plane, np.nan)
+
+
+def _equidistant_radius(parameters: Array, angle: Array) -> tuple[Array, Array]:
+    """Distorted angle theta_d of the angle from the axis, and its slope."""
+    k1, k2, k3, k4 = np.moveaxis(parameters[..., 3:7], -1, 0)
+    s = angle * angle
+    radius = angle * (1 + s * (k1 + s * (k2 + s * (k3 + s * k4))))
+    slope = 1 + s * (3 * k1 + s * (5 * k2 + s * (7 * k3 + s * 9 * k4)))
+    return radius, slope
+
+
+# Nearer to the axis than this (as tan of the angle) the ratio theta_d / r equals its limit 1/z to the last bit.
+_ON_AXIS = 1e-9
+
+
+def _distort_equidistant(parameters: Array, points: Array) -> Array:
+    radius = np.hypot(points[..., 0], points[..., 1])
+    theta_d, _ = _equidistant_radius(parameters, np.arctan2(radius, points[..., 2]))
+    near = radius < _ON_AXIS * np.abs(points[..., 2])
+    limit = np.where(points[..., 2] > 0, 1 / np.where(points[..., 2] == 0, 1, points[..., 2]), np.nan)
+    ratio = np.where(near, limit, theta_d / np.where(near, 1.0, radius))
+    return points[..., :2] * ratio[..., None]
+
+
+def _equidistant_derivatives(parameters: Array, points: Array) -> tuple[Array, Array]:
+    """Of the distorted point by the five places of the coefficients (..., 2, 5) and by the point (..., 2, 3)."""
+    x, y, z = points[..., 0], points[..., 1], points[..., 2]
+    radius = np.hypot(x, y)
+    near = radius < _ON_AXIS * np.abs(z)
+    safe = np.where(near, 1.0, radius)
+    angle = np.arctan2(radius, z)
+    theta_d, slope = _equidistant_radius(parameters, angle)
+    cosine, sine = np.where(near, 1.0, x / safe), np.where(near, 0.0, y / safe)
+    norm_square = radius * radius + z * z
+    ratio = np.where(near, 1 / np.where(z == 0, 1, z), theta_d / safe)
+    by_radius = slope * z / norm_square
+    by_point = np.empty((*theta_d.shape, 2, 3))
+    by_point[..., 0, 0] = by_radius * cosine**2 + ratio * sine**2
+    by_point[..., 1, 1] = by_radius * sine**2 + ratio * cosine**2
+    by_point[..., 0, 1] = by_point[..., 1, 0] = (by_radius - ratio) * cosine * sine
+    by_point[..., 0, 2] = -slope * x / norm_square
+    by_point[..., 1, 2] = -slope * y / norm_square
+    by_distortion = np.zeros((*theta_d.shape, 2, 5))
+    s = angle * angle
+    powers = np.stack([angle * s, angle * s**2, angle * s**3, angle * s**4], axis=-1)
+    by_distortion[..., 0, :4] = np.where(near, 0.0, x / safe)[..., None] * powers
+    by_distortion[..., 1, :4] = np.where(near, 0.0, y / safe)[..., None] * powers
+    return by_distortion, by_point
+
+
+def _ray_equidistant(parameters: Array, distorted: Array) -> Array:
+    parameters = np.broadcast_to(parameters, (*distorted.shape[:-1], 9))
+    radius = np.linalg.norm(distorted, axis=-1)
+    angle = np.minimum(radius, np.pi)
+    for _ in range(_NEWTON_STEPS):
+        value, slope = _equidistant_radius(parameters, angle)
+        angle = angle - (value - radius) / slope
+    value, slope = _equidistant_radius(parameters, angle)
+    found = (np.abs(value - radius) < _NEWTON_TOLERANCE) & (slope > 0) & (angle >= 0) & (angle <= np.pi)
+    angle = np.where(found, angle, np.nan)
+    unit = distorted / np.where(radius == 0, 1.0, radius)[..., None]
+    return np.concatenate([unit * np.sin(angle)[..., None], np.cos(angle)[..., None]], axis=-1)

@@ -1,0 +1,105 @@
+"""Rigid transforms. Every one is named a_from_b: it takes coordinates in frame b to coordinates in frame a."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .rotation import Array, cross_matrix, quaternion_from_rotation, rotation_from_vector, vector_from_rotation
+
+
+@dataclass(frozen=True, eq=False)
+class Pose:
+    """A rigid transform a_from_b, or a batch of them: x_a = rotation @ x_b + translation.
+
+    rotation (..., 3, 3), translation (..., 3) in metres. `a_from_b @ b_from_c` is a_from_c, for single poses and
+    for batches that broadcast.
+    """
+
+    rotation: Array
+    translation: Array
+
+    @staticmethod
+    def identity() -> "Pose":
+        """The pose that changes nothing."""
+        return Pose(np.eye(3), np.zeros(3))
+
+    @staticmethod
+    def from_vectors(rotation_vector: Array, translation: Array) -> "Pose":
+        """Pose of a rotation vector (radians) and a translation, each (..., 3)."""
+        return Pose(rotation_from_vector(rotation_vector), np.asarray(translation, float))
+
+    @staticmethod
+    def from_matrix(matrix: Array) -> "Pose":
+        """Pose of a homogeneous matrix (..., 4, 4) whose last row is 0 0 0 1."""
+        matrix = np.asarray(matrix, float)
+        return Pose(matrix[..., :3, :3], matrix[..., :3, 3])
+
+    def matrix(self) -> Array:
+        """Homogeneous matrix (..., 4, 4)."""
+        result = np.zeros((*self.translation.shape[:-1], 4, 4))
+        result[..., :3, :3] = self.rotation
+        result[..., :3, 3] = self.translation
+        result[..., 3, 3] = 1
+        return result
+
+    def quaternion(self) -> Array:
+        """Unit quaternion (..., 4) in the order (x, y, z, w), w >= 0."""
+        return quaternion_from_rotation(self.rotation)
+
+    def rotation_vector(self) -> Array:
+        """Rotation vector (..., 3) in radians."""
+        return vector_from_rotation(self.rotation)
+
+    def __matmul__(self, other: "Pose") -> "Pose":
+        return Pose(self.rotation @ other.rotation, self.transform(other.translation))
+
+    def __getitem__(self, index) -> "Pose":
+        """The poses of a batch at an index of its leading axes."""
+        return Pose(self.rotation[index], self.translation[index])
+
+    def inverse(self) -> "Pose":
+        """b_from_a of a_from_b."""
+        transposed = np.swapaxes(self.rotation, -1, -2)
+        return Pose(transposed, -(transposed @ self.translation[..., None])[..., 0])
+
+    def transform(self, points: Array) -> Array:
+        """Points (..., 3) in frame b to frame a; the leading axes broadcast against the pose's own."""
+        return (self.rotation @ np.asarray(points, float)[..., None])[..., 0] + self.translation
+
+    def retract(self, step: Array) -> "Pose":
+        """The pose after a small step (..., 6) = (rotation vector, translation), both in frame a.
+
+        rotation <- exp(step[:3]) rotation, translation <- translation + step[3:]. Every pose covariance of
+        quadrig is the 6x6 covariance of this step.
+        """
+        step = np.asarray(step, float)
+        return Pose(rotation_from_vector(step[..., :3]) @ self.rotation, self.translation + step[..., 3:])
+
+    def step_to(self, other: "Pose") -> Array:
+        """The step (..., 6) with self.retract(step) equal to other."""
+        rotation = other.rotation @ np.swapaxes(self.rotation, -1, -2)
+        return np.concatenate(
+            [vector_from_rotation(rotation), other.translation - self.translation], axis=-1
+        )
+
+
+def inverse_jacobian(pose: Pose) -> Array:
+    """Derivative (..., 6, 6) of the step of pose.inverse() by the step of pose."""
+    transposed = np.swapaxes(pose.rotation, -1, -2)
+    result = np.zeros((*pose.translation.shape[:-1], 6, 6))
+    result[..., :3, :3] = -transposed
+    result[..., 3:, :3] = -transposed @ cross_matrix(pose.translation)
+    result[..., 3:, 3:] = -transposed
+    return result
+
+
+def compose_jacobians(left: Pose, right: Pose) -> tuple[Array, Array]:
+    """Derivatives (..., 6, 6) of the step of left @ right by the steps of left and of right."""
+    batch = np.broadcast_shapes(left.translation.shape[:-1], right.translation.shape[:-1])
+    by_left, by_right = np.zeros((*batch, 6, 6)), np.zeros((*batch, 6, 6))
+    by_left[..., :3, :3] = np.eye(3)
+    by_left[..., 3:, 3:] = np.eye(3)
+    by_left[..., 3:, :3] = -cross_matrix((left.rotation @ right.translation[..., None])[..., 0])
+    by_right[..., :3, :3] = left.rotation
+    by_right[..., 3:, 3:] = left.rotation
+    return by_left, by_right

@@ -1,0 +1,29 @@
+"""A View: one rectangle in one image."""
+
+from dataclasses import dataclass
+
+from .rotation import Array
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """One rectangle in one image: points of the rectangle and where they were seen.
+
+    points (P, 3) metres in the rectangle's frame, pixels (P, 2) in the same order.
+    alternatives: other readings of the same pixels, each (P, 3): where the marking looks the same after a turn
+    (a chessboard turned by 180 degrees, a blank sheet) the pixels stay and the points change places.
+    frameset: index of the instant; sigma: standard deviation of a pixel coordinate, px, as far as known beforehand.
+    """
+
+    rectangle: str
+    points: Array
+    pixels: Array
+    camera: str = ""
+    frameset: int = 0
+    alternatives: tuple[Array, ...] = ()
+    sigma: float = 1.0
+
+    @property
+    def readings(self) -> tuple[Array, ...]:
+        """Every reading (P, 3) of the pixels, the likeliest first."""
+        return (self.points, *self.alternatives)
