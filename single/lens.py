@@ -55,7 +55,11 @@ class Intrinsics:
         """The same image and model with other numbers (9,)."""
         p = np.asarray(parameters, float)
         return replace(
-            self, focal=float(p[0]), principal_point=p[1:3].copy(), distortion=p[3:8].copy(), aspect=float(p[8])
+            self,
+            focal=float(p[0]),
+            principal_point=p[1:3].copy(),
+            distortion=p[3:8].copy(),
+            aspect=float(p[8]),
         )
 
     @property

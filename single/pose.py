@@ -4,7 +4,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .rotation import Array, cross_matrix, quaternion_from_rotation, rotation_from_vector, vector_from_rotation
+from .rotation import (
+    Array,
+    cross_matrix,
+    quaternion_from_rotation,
+    rotation_from_vector,
+    vector_from_rotation,
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,9 +84,7 @@ class Pose:
     def step_to(self, other: "Pose") -> Array:
         """The step (..., 6) with self.retract(step) equal to other."""
         rotation = other.rotation @ np.swapaxes(self.rotation, -1, -2)
-        return np.concatenate(
-            [vector_from_rotation(rotation), other.translation - self.translation], axis=-1
-        )
+        return np.concatenate([vector_from_rotation(rotation), other.translation - self.translation], axis=-1)
 
 
 def inverse_jacobian(pose: Pose) -> Array:

@@ -88,9 +88,7 @@ def rotation_from_quaternion(quaternion: Array) -> Array:
 
 def rotation_from_angles(theta_x: Array | float, theta_y: Array | float, theta_z: Array | float) -> Array:
     """R = Rx(theta_x) Ry(theta_y) Rz(theta_z), the paper's Eq. 2; radians. Shapes (...) -> (..., 3, 3)."""
-    theta_x, theta_y, theta_z = np.broadcast_arrays(
-        *(np.asarray(a, float) for a in (theta_x, theta_y, theta_z))
-    )
+    theta_x, theta_y, theta_z = np.broadcast_arrays(*(np.asarray(a, float) for a in (theta_x, theta_y, theta_z)))
     zero = np.zeros_like(theta_x)
     r_x = rotation_from_vector(np.stack([theta_x, zero, zero], axis=-1))
     r_y = rotation_from_vector(np.stack([zero, theta_y, zero], axis=-1))
