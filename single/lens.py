@@ -98,27 +98,36 @@ def project_with_derivatives(
 ) -> tuple[Array, Array, Array]:
     """Pixels (..., 2) with their derivatives by the lens (..., 2, 9) and by the point (..., 2, 3)."""
     parameters, points = np.asarray(parameters, float), np.asarray(points, float)
-    if model == "pinhole":
-        plane = _plane_from_point(points)
-        distorted = _distort_radial_tangential(parameters, plane)
-        by_distortion, by_plane = _radial_tangential_derivatives(parameters, plane)
-        by_point = np.zeros((*by_plane.shape[:-1], 3))
-        inverse_depth = 1 / points[..., 2]
-        by_point[..., :2] = by_plane * inverse_depth[..., None, None]
-        by_point[..., 2] = -(by_point[..., 0] * plane[..., 0, None] + by_point[..., 1] * plane[..., 1, None])
-    else:
-        distorted = _distort_equidistant(parameters, points)
-        by_distortion, by_point = _equidistant_derivatives(parameters, points)
-    focal, aspect = parameters[..., 0], parameters[..., 8]
-    scale = np.stack([focal, focal * aspect], axis=-1)[..., None]
-    by_lens = np.zeros((*distorted.shape, 9))
-    by_lens[..., 0, 0] = distorted[..., 0]
-    by_lens[..., 1, 0] = aspect * distorted[..., 1]
-    by_lens[..., 0, 1] = 1
-    by_lens[..., 1, 2] = 1
-    by_lens[..., 3:8] = by_distortion * scale
-    by_lens[..., 1, 8] = focal * distorted[..., 1]
-    return _pixels(parameters, distorted), by_lens, by_point * scale
+    shape = np.broadcast_shapes(parameters.shape[:-1], points.shape[:-1])
+    by_lens, by_point = np.zeros((*shape, 2, 9)), np.zeros((*shape, 2, 3))
+    pixels = fill_projection_rows(
+        np.moveaxis(parameters, -1, 0),
+        np.moveaxis(points, -1, 0),
+        np.moveaxis(by_lens, (-1, -2), (0, 1)),
+        np.moveaxis(by_point, (-1, -2), (0, 1)),
+        model,
+    )
+    return np.moveaxis(pixels, 0, -1), by_lens, by_point
+
+
+def fill_projection_rows(
+    parameters: Array, points: Array, by_lens: Array, by_point: Array, model: LensModel = "pinhole"
+) -> Array:
+    """Pixels (2, ...) and, written in place, their derivatives: the same projection with components first.
+
+    parameters (9, ...) and points (3, ...) broadcast; by_lens (9, 2, ...) and by_point (3, 2, ...) are filled (views
+    of any memory order, so that a caller lays them out as its next product wants them); by_lens must come as zeros.
+    """
+    fill = _fill_radial_tangential if model == "pinhole" else _fill_equidistant
+    focal, aspect = parameters[0], parameters[8]
+    focal_y = focal * aspect
+    x, y = fill(parameters, points, by_lens[3:8], by_point, focal, focal_y)
+    by_lens[0, 0] = x
+    by_lens[0, 1] = aspect * y
+    by_lens[1, 0] = 1
+    by_lens[2, 1] = 1
+    by_lens[8, 1] = focal * y
+    return np.stack([focal * x + parameters[1], focal_y * y + parameters[2]])
 
 
 def unproject(parameters: Array, pixels: Array, model: LensModel = "pinhole") -> Array:
@@ -161,25 +170,49 @@ def _distort_radial_tangential(parameters: Array, plane: Array) -> Array:
     )
 
 
-def _radial_tangential_derivatives(parameters: Array, plane: Array) -> tuple[Array, Array]:
-    """Of the distorted point by the five coefficients (..., 2, 5) and by the plane point (..., 2, 2)."""
+def _fill_radial_tangential(
+    parameters: Array, points: Array, by_distortion: Array, by_point: Array, focal_x: Array, focal_y: Array
+) -> tuple[Array, Array]:
+    k1, k2, p1, p2, k3 = parameters[3:8]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        inverse_depth = 1 / np.where(points[2] > 0, points[2], np.nan)
+        x, y = points[0] * inverse_depth, points[1] * inverse_depth
+    xx, yy, xy = x * x, y * y, x * y
+    square = xx + yy
+    radial = 1 + square * (k1 + square * (k2 + square * k3))
+    slope = 2 * (k1 + square * (2 * k2 + square * (3 * k3)))
+    power_x, power_y = focal_x * x, focal_y * y
+    for place in (0, 1, 4):
+        power_x, power_y = power_x * square, power_y * square
+        by_distortion[place, 0], by_distortion[place, 1] = power_x, power_y
+    tangential_x, tangential_y = square + 2 * xx, square + 2 * yy
+    by_distortion[2, 0], by_distortion[2, 1] = 2 * focal_x * xy, focal_y * tangential_y
+    by_distortion[3, 0], by_distortion[3, 1] = focal_x * tangential_x, 2 * focal_y * xy
+    scale_x, scale_y = focal_x * inverse_depth, focal_y * inverse_depth
+    mixed = xy * slope + 2 * p1 * x + 2 * p2 * y
+    x_by_x, y_by_y = radial + xx * slope + 2 * p1 * y + 6 * p2 * x, radial + yy * slope + 2 * p2 * x + 6 * p1 * y
+    by_point[0, 0], by_point[1, 0] = scale_x * x_by_x, scale_x * mixed
+    by_point[0, 1], by_point[1, 1] = scale_y * mixed, scale_y * y_by_y
+    by_point[2, 0] = -scale_x * (x_by_x * x + mixed * y)
+    by_point[2, 1] = -scale_y * (mixed * x + y_by_y * y)
+    return (
+        x * radial + 2 * p1 * xy + p2 * tangential_x,
+        y * radial + 2 * p2 * xy + p1 * tangential_y,
+    )
+
+
+def _radial_tangential_slope(parameters: Array, plane: Array) -> Array:
+    """Derivative (..., 2, 2) of the distorted point by the plane point (..., 2)."""
     k1, k2, p1, p2, k3 = np.moveaxis(parameters[..., 3:8], -1, 0)
     x, y = plane[..., 0], plane[..., 1]
     square = x * x + y * y
     radial = 1 + square * (k1 + square * (k2 + square * k3))
     slope = 2 * (k1 + square * (2 * k2 + square * 3 * k3))
-    by_distortion = np.empty((*np.broadcast_shapes(x.shape, k1.shape), 2, 5))
-    powers = np.stack([square, square**2, square**3], axis=-1)
-    by_distortion[..., 0, [0, 1, 4]] = x[..., None] * powers
-    by_distortion[..., 1, [0, 1, 4]] = y[..., None] * powers
-    by_distortion[..., 0, 2] = by_distortion[..., 1, 3] = 2 * x * y
-    by_distortion[..., 0, 3] = square + 2 * x * x
-    by_distortion[..., 1, 2] = square + 2 * y * y
     by_plane = np.empty((*radial.shape, 2, 2))
     by_plane[..., 0, 0] = radial + x * x * slope + 2 * p1 * y + 6 * p2 * x
     by_plane[..., 1, 1] = radial + y * y * slope + 2 * p2 * x + 6 * p1 * y
     by_plane[..., 0, 1] = by_plane[..., 1, 0] = x * y * slope + 2 * p1 * x + 2 * p2 * y
-    return by_distortion, by_plane
+    return by_plane
 
 
 def _undistort_radial_tangential(parameters: Array, distorted: Array) -> Array:
@@ -189,13 +222,13 @@ def _undistort_radial_tangential(parameters: Array, distorted: Array) -> Array:
         error = _distort_radial_tangential(parameters, plane) - distorted
         if np.nanmax(np.abs(error), initial=0.0) < _NEWTON_TOLERANCE * 1e-4:
             break
-        _, slope = _radial_tangential_derivatives(parameters, plane)
+        slope = _radial_tangential_slope(parameters, plane)
         determinant = slope[..., 0, 0] * slope[..., 1, 1] - slope[..., 0, 1] * slope[..., 1, 0]
         step_x = (slope[..., 1, 1] * error[..., 0] - slope[..., 0, 1] * error[..., 1]) / determinant
         step_y = (slope[..., 0, 0] * error[..., 1] - slope[..., 1, 0] * error[..., 0]) / determinant
         plane = plane - np.stack([step_x, step_y], axis=-1)
     error = np.abs(_distort_radial_tangential(parameters, plane) - distorted).max(axis=-1)
-    _, slope = _radial_tangential_derivatives(parameters, plane)
+    slope = _radial_tangential_slope(parameters, plane)
     # A folded lens maps two radii to one pixel: the ray is the one before the fold, where the map keeps sense.
     unfolded = slope[..., 0, 0] * slope[..., 1, 1] - slope[..., 0, 1] * slope[..., 1, 0] > 0
     return np.where(((error < _NEWTON_TOLERANCE) & unfolded)[..., None], plane, np.nan)
@@ -223,30 +256,31 @@ def _distort_equidistant(parameters: Array, points: Array) -> Array:
     return points[..., :2] * ratio[..., None]
 
 
-def _equidistant_derivatives(parameters: Array, points: Array) -> tuple[Array, Array]:
-    """Of the distorted point by the five places of the coefficients (..., 2, 5) and by the point (..., 2, 3)."""
-    x, y, z = points[..., 0], points[..., 1], points[..., 2]
+def _fill_equidistant(
+    parameters: Array, points: Array, by_distortion: Array, by_point: Array, focal_x: Array, focal_y: Array
+) -> tuple[Array, Array]:
+    x, y, z = points
     radius = np.hypot(x, y)
     near = radius < _ON_AXIS * np.abs(z)
     safe = np.where(near, 1.0, radius)
     angle = np.arctan2(radius, z)
-    theta_d, slope = _equidistant_radius(parameters, angle)
+    theta_d, slope = _equidistant_radius(np.moveaxis(parameters, 0, -1), angle)
     cosine, sine = np.where(near, 1.0, x / safe), np.where(near, 0.0, y / safe)
     norm_square = radius * radius + z * z
-    ratio = np.where(near, 1 / np.where(z == 0, 1, z), theta_d / safe)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratio = np.where(near, np.where(z > 0, 1 / z, np.nan), theta_d / safe)
     by_radius = slope * z / norm_square
-    by_point = np.empty((*theta_d.shape, 2, 3))
-    by_point[..., 0, 0] = by_radius * cosine**2 + ratio * sine**2
-    by_point[..., 1, 1] = by_radius * sine**2 + ratio * cosine**2
-    by_point[..., 0, 1] = by_point[..., 1, 0] = (by_radius - ratio) * cosine * sine
-    by_point[..., 0, 2] = -slope * x / norm_square
-    by_point[..., 1, 2] = -slope * y / norm_square
-    by_distortion = np.zeros((*theta_d.shape, 2, 5))
-    s = angle * angle
-    powers = np.stack([angle * s, angle * s**2, angle * s**3, angle * s**4], axis=-1)
-    by_distortion[..., 0, :4] = np.where(near, 0.0, x / safe)[..., None] * powers
-    by_distortion[..., 1, :4] = np.where(near, 0.0, y / safe)[..., None] * powers
-    return by_distortion, by_point
+    by_point[0, 0] = focal_x * (by_radius * cosine**2 + ratio * sine**2)
+    by_point[1, 1] = focal_y * (by_radius * sine**2 + ratio * cosine**2)
+    mixed = (by_radius - ratio) * cosine * sine
+    by_point[1, 0], by_point[0, 1] = focal_x * mixed, focal_y * mixed
+    by_point[2, 0] = -focal_x * slope * x / norm_square
+    by_point[2, 1] = -focal_y * slope * y / norm_square
+    power = np.where(near, 0.0, angle)
+    for place in range(4):
+        power = power * angle * angle
+        by_distortion[place, 0], by_distortion[place, 1] = focal_x * cosine * power, focal_y * sine * power
+    return x * ratio, y * ratio
 
 
 def _ray_equidistant(parameters: Array, distorted: Array) -> Array:

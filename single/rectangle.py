@@ -39,6 +39,7 @@ class CharucoMarking:
     """A ChArUco board of columns x rows squares of side `square`, tags of side `marker`, metres.
 
     legacy: OpenCV's pattern before 4.6 (a board of even rows starts with a tag). inverted: white on black.
+    first_id: the id of the board's first tag; the others count on from it, row by row.
     """
 
     columns: int
@@ -48,6 +49,7 @@ class CharucoMarking:
     dictionary: str
     legacy: bool = False
     inverted: bool = False
+    first_id: int = 0
     kind: Literal["charuco"] = "charuco"
 
 
