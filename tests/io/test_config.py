@@ -1,0 +1,123 @@
+"""rig.toml: what is read is what was meant, what is wrong is said in one sentence, what is written is read back."""
+
+import numpy as np
+import pytest
+
+from quadrig.io.config import RigConfig, config_text, parse_config, read_config, write_config
+from quadrig.single.errors import QuadrigError
+from quadrig.single.rectangle import CharucoMarking, TagMarking
+
+ROOM = """
+reference = "cam0"      # the rig frame
+
+[[rectangle]]
+name = "desk"
+width = 0.297
+height = 0.21
+marking = { kind = "tag", dictionary = "apriltag_36h11", id = 7 }
+world_from_rect = { translation = [0, 0, 1], angles_deg = [0, 90, 0] }
+
+[[rectangle]]
+name = "board"
+moving = true
+marking = { kind = "charuco", columns = 4, rows = 5, square = 0.054, marker = 0.04, dictionary = "aruco_4x4_1000" }
+
+[[rectangle]]
+name = "sheet"
+width = 0.21
+height = 0.148
+marking = { kind = "plain" }
+
+[[camera]]
+name = "cam0"
+topic = "/cam0/image"
+source = 0
+focal = 900
+distortion = [-0.1, 0.02]
+lens = "full"
+"""
+
+
+def test_a_room_is_read_as_meant() -> None:
+    config = parse_config(ROOM)
+    desk, board, sheet = config.rectangles
+    assert config.reference == "cam0"
+    assert desk.marking == TagMarking("apriltag_36h11", 7)
+    assert isinstance(board.marking, CharucoMarking)
+    assert (board.width, board.height, board.moving) == (pytest.approx(0.216), pytest.approx(0.27), True)
+    assert (sheet.width, sheet.moving) == (0.21, False)
+    assert desk.world_from_rect is not None
+    # Ry(90 degrees) takes the sheet's z to the world's x.
+    np.testing.assert_allclose(desk.world_from_rect.transform(np.array([0.0, 0.0, 1.0])), [1, 0, 1], atol=1e-12)
+
+
+def test_prior_intrinsics_reach_the_camera() -> None:
+    known = parse_config(ROOM).camera_input("cam0", 1280, 720)
+    assert known.intrinsics is not None
+    assert known.intrinsics.focal == 900
+    np.testing.assert_allclose(known.intrinsics.principal_point, [639.5, 359.5])
+    np.testing.assert_allclose(known.intrinsics.distortion, [-0.1, 0.02, 0, 0, 0])
+    assert known.lens == "full"
+    assert parse_config(ROOM).camera_input("other", 640, 480).intrinsics is None
+
+
+def test_written_and_read_back_is_the_same(tmp_path) -> None:
+    config = parse_config(ROOM)
+    write_config(config, tmp_path / "rig.toml")
+    again = read_config(tmp_path / "rig.toml")
+    assert again.rectangles == config.rectangles
+    assert again.cameras[0].__dict__ == config.cameras[0].__dict__
+    assert again.reference == config.reference
+    np.testing.assert_allclose(_world(again), _world(config), atol=1e-12)
+    assert parse_config(config_text(again)).rectangles == again.rectangles
+    assert [path.name for path in tmp_path.iterdir()] == ["rig.toml"]
+
+
+def _world(config: RigConfig) -> np.ndarray:
+    pose = config.rectangles[0].world_from_rect
+    assert pose is not None
+    return pose.matrix()
+
+
+WRONG = {
+    "unknown key": ("moving = true", "movin = true", ["line 13", "movin", "moving"]),
+    "unknown key of a marking": ("id = 7", "id = 7, foo = 1", ["line 8", "foo", "dictionary"]),
+    "unknown top key": ("reference", "refference", ["line 2", "refference", "reference"]),
+    "negative width": ("width = 0.297", "width = -0.297", ["line 6", "desk", "-0.297"]),
+    "width that is no number": ("0.297", "'wide'", ["line 6", "width", "number"]),
+    "endless height": ("height = 0.21\n", "height = inf\n", ["line 7", "desk", "inf"]),
+    "no height": ("height = 0.21\n", "", ["desk", "height"]),
+    "unknown kind": ('"charuco"', '"charuca"', ["line 14", "charuca", "chessboard"]),
+    "no kind": ('kind = "charuco", ', "", ["line 14", "kind"]),
+    "half a square": ("columns = 4", "columns = 4.5", ["line 14", "columns", "whole"]),
+    "tag as large as its square": ("marker = 0.04", "marker = 0.06", ["line 14", "marker"]),
+    "width against the board": ("moving = true", "width = 0.3", ["line 13", "0.216"]),
+    "unknown lens": ('"full"', '"fill"', ["line 28", "fill", "auto"]),
+    "a name twice": ('"sheet"', '"desk"', ["line 17", "desk"]),
+    "reference nowhere": ('reference = "cam0"', 'reference = "cam9"', ["line 2", "cam9", "cam0"]),
+    "reference that moves": ('reference = "cam0"', 'reference = "board"', ["line 2", "board", "moves"]),
+    "prior without focal": ("focal = 900\n", "", ["cam0", "focal"]),
+    "two rotations": ("angles_deg", "quaternion_xyzw = [0, 0, 0, 1], angles_deg", ["line 9", "angles_deg"]),
+    "not TOML": ("[[camera]]", "[[camera]", ["not TOML", "line 22"]),
+    "no rectangle": (ROOM, "reference = 'cam0'", ["[[rectangle]]"]),
+}
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_what_is_wrong_is_said_in_one_sentence(name: str) -> None:
+    right, wrong, words = WRONG[name]
+    assert right in ROOM
+    with pytest.raises(QuadrigError) as caught:
+        parse_config(ROOM.replace(right, wrong), "room.toml")
+    message = str(caught.value)
+    assert "\n" not in message
+    assert message.startswith("room.toml")
+    for word in words:
+        assert word in message
+
+
+def test_a_file_that_is_not_there_is_named(tmp_path) -> None:
+    with pytest.raises(QuadrigError, match=r"nowhere\.toml"):
+        read_config(tmp_path / "nowhere.toml")
+    with pytest.raises(QuadrigError, match="cannot be read"):
+        read_config(tmp_path)
