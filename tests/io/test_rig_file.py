@@ -1,0 +1,122 @@
+"""rig.mcap: what is written comes back, other tools find what they know, and bad files are one sentence."""
+
+from dataclasses import fields, is_dataclass, replace
+
+import numpy as np
+import pytest
+
+from quadrig.io.rig_file import read_rig, read_rig_file, write_rig
+from quadrig.single.errors import QuadrigError
+from quadrig.single.pose import Pose
+
+
+def assert_same(one, other, where="rig"):
+    """Equal to the last bit, nan equal to nan, through dataclasses, tuples and arrays."""
+    if is_dataclass(one):
+        assert type(one) is type(other), where
+        for field in fields(one):
+            assert_same(getattr(one, field.name), getattr(other, field.name), f"{where}.{field.name}")
+    elif isinstance(one, tuple):
+        assert len(one) == len(other), where
+        for index, (a, b) in enumerate(zip(one, other, strict=True)):
+            assert_same(a, b, f"{where}[{index}]")
+    elif isinstance(one, np.ndarray):
+        assert one.dtype == other.dtype, where
+        assert one.shape == other.shape, where
+        np.testing.assert_array_equal(one, other, err_msg=where)
+    elif isinstance(one, float):
+        np.testing.assert_equal(other, one, err_msg=where)
+    else:
+        assert one == other, where
+
+
+@pytest.fixture(scope="module")
+def rig_path(example_rig, example_config, tmp_path_factory):
+    path = tmp_path_factory.mktemp("rig") / "rig.mcap"
+    write_rig(path, example_rig, example_config, times=[5_000_000_000 + 33_000_000 * i for i in range(12)])
+    return path
+
+
+def test_the_record_comes_back_to_the_last_bit(rig_path, example_rig, example_config):
+    held = read_rig_file(rig_path)
+    assert_same(held.rig, example_rig)
+    assert held.config_text == example_config
+    assert held.times[1] == 5_033_000_000
+    assert held.version
+
+
+def test_nan_and_infinity_survive(example_rig, tmp_path):
+    fit = example_rig.fits[0]
+    broken = replace(fit, residuals=np.full_like(fit.residuals, np.nan), rejected="a mirror twin")
+    rig = replace(
+        example_rig, fits=(broken,), edges=(replace(example_rig.edges[0], sigmas=float("inf")),), rms=float("nan")
+    )
+    write_rig(tmp_path / "rig.mcap", rig)
+    assert_same(read_rig(tmp_path / "rig.mcap"), rig)
+
+
+def test_foxglove_messages_hold_the_rig(rig_path, example_rig):
+    from mcap.reader import make_reader
+    from mcap_protobuf.decoder import DecoderFactory
+
+    transforms, calibrations = {}, {}
+    with rig_path.open("rb") as stream:
+        reader = make_reader(stream, decoder_factories=[DecoderFactory()])
+        for schema, _, message, decoded in reader.iter_decoded_messages(topics=["/tf", "/cam2/camera_info"]):
+            if schema.name == "foxglove.CameraCalibration":
+                calibrations[decoded.frame_id] = decoded
+                continue
+            for entry in decoded.transforms:
+                assert entry.parent_frame_id == "cam0"
+                transforms.setdefault(entry.child_frame_id, []).append((message.log_time, entry))
+        assert {m.name: m.metadata for m in reader.iter_metadata()}["quadrig"]["version"]
+    lens = example_rig.camera("cam2").intrinsics
+    np.testing.assert_array_equal(np.reshape(calibrations["cam2"].K, (3, 3)), lens.camera_matrix)
+    np.testing.assert_array_equal(calibrations["cam2"].D, lens.distortion)
+    entry = transforms["cam2"][0][1]
+    pose = example_rig.camera("cam2").rig_from_camera
+    translation = [entry.translation.x, entry.translation.y, entry.translation.z]
+    np.testing.assert_array_equal(translation, pose.translation)
+    from quadrig.single.rotation import rotation_from_quaternion
+
+    rotation = rotation_from_quaternion([entry.rotation.x, entry.rotation.y, entry.rotation.z, entry.rotation.w])
+    np.testing.assert_allclose(rotation, pose.rotation, atol=1e-14)  # a quaternion rounds in the last places
+    assert len(transforms["board"]) == 12
+    assert len({time for time, _ in transforms["board"]}) == 12
+
+
+def test_a_surveyed_reference_names_the_world(example_rig):
+    from quadrig.io.rig_file import rig_frame_name
+
+    desk = next(placed for placed in example_rig.rectangles if placed.name == "desk")
+    assert rig_frame_name(replace(example_rig, reference="desk")) == "world"
+    at_origin = replace(desk, rig_from_rect=Pose.identity())
+    assert rig_frame_name(replace(example_rig, reference="desk", rectangles=(at_origin,))) == "desk"
+
+
+@pytest.mark.parametrize("content", [b"", b"not mcap at all", None])
+def test_what_is_no_rig_is_one_sentence(content, tmp_path):
+    path = tmp_path / "x.mcap"
+    if content is not None:
+        path.write_bytes(content)
+    with pytest.raises(QuadrigError, match=r"x\.mcap") as caught:
+        read_rig(path)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_broken_file_is_one_sentence(rig_path, tmp_path):
+    whole = rig_path.read_bytes()
+    path = tmp_path / "half.mcap"
+    for cut in (len(whole) // 2, 200):
+        path.write_bytes(whole[:cut])
+        with pytest.raises(QuadrigError, match=r"half\.mcap"):
+            read_rig(path)
+
+
+def test_nothing_is_left_where_writing_fails(example_rig, tmp_path):
+    with pytest.raises(QuadrigError, match="no folder"):
+        write_rig(tmp_path / "absent" / "rig.mcap", example_rig)
+    odd = replace(example_rig, missing={"cam9": object()})
+    with pytest.raises(TypeError):
+        write_rig(tmp_path / "rig.mcap", odd)
+    assert list(tmp_path.iterdir()) == []
