@@ -43,8 +43,7 @@ class Intrinsics:
     @staticmethod
     def centred(width: int, height: int, focal: float, model: LensModel = "pinhole") -> "Intrinsics":
         """A lens without distortion whose axis meets the middle of the image."""
-        middle = np.array([(width - 1) / 2, (height - 1) / 2])
-        return Intrinsics(width, height, float(focal), middle, model=model)
+        return Intrinsics(width, height, float(focal), image_middle(width, height), model=model)
 
     @property
     def parameters(self) -> Array:
@@ -80,6 +79,14 @@ class Intrinsics:
     def unproject(self, pixels: Array) -> Array:
         """Unit rays (..., 3) of pixels (..., 2); nan where the lens has no ray for the pixel."""
         return unproject(self.parameters, pixels, self.model)
+
+
+def image_middle(width: int, height: int) -> Array:
+    """Where a principal point is expected (2,): half the size, as OpenCV's and COLMAP's own guesses put it.
+
+    By the convention of pixel centres the middle is half a pixel less; lenses are off by tens of pixels.
+    """
+    return np.array([width / 2, height / 2])
 
 
 def project(parameters: Array, points: Array, model: LensModel = "pinhole") -> Array:

@@ -1,0 +1,221 @@
+"""The Gram matrices of all Views, and the system over cameras that remains when rectangle poses are eliminated.
+
+A View depends on the lens of its camera and on camera_from_rect alone. So each View is first reduced to one small
+Gram matrix over [lens, step of camera_from_rect, residual]; Eq. 50's chain camera_from_rect =
+camera_from_rig @ rig_from_rect then spreads it over the two poses. Each View touches one rectangle pose, so that
+their part of the normal matrix is 6x6 blocks, eliminated in one batch (Schur complement).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from quadrig.single.lens import LENS_PARAMETERS, fill_projection_rows
+from quadrig.single.pose import Pose, compose_jacobians
+from quadrig.single.rotation import Array
+
+from .observations import ObservationGroup, Observations
+
+LENS = len(LENS_PARAMETERS)
+
+# Cauchy's loss at 2.385 sigma keeps 95 % of the efficiency of least squares on Gaussian noise (Rey 1983).
+_CAUCHY = 2.385
+# Chi-square that a point behind its camera costs: more than any point in front of it (Cauchy's loss of 300 sigma),
+# and flat, so that it neither pulls nor makes the whole cost undefined.
+_BEHIND_COST = 55.0
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """What is estimated: lenses (C, 9), camera_from_rig a batch (C,), rig_from_rect a batch (N,) over the nodes."""
+
+    lens: Array
+    camera_from_rig: Pose
+    rig_from_rect: Pose
+
+    def camera_from_rect(self, observations: Observations) -> Pose:
+        """Eq. 50 for every View: a batch (V,)."""
+        return self.camera_from_rig[observations.camera] @ self.rig_from_rect[observations.node]
+
+
+@dataclass(frozen=True, eq=False)
+class Linearised:
+    """All Views at a state. gram (V, K+7, K+7) over [lens columns, step of camera_from_rect, residual].
+
+    cost: sum of the loss, in units of chi-square. squares: for each group (V, P), the squared residual in px^2.
+    """
+
+    gram: Array
+    cost: float
+    squares: tuple[Array, ...]
+
+
+def linearise(observations: Observations, state: State, columns: Array, noise: float, robust: bool) -> Linearised:
+    """Gram matrices at a state, with weights of 1/noise^2 and, where robust, of Cauchy's loss.
+
+    columns (K,): which lens parameters take part.
+    """
+    chained = state.camera_from_rect(observations)
+    keep = np.concatenate([columns, np.arange(LENS, LENS + 7)])
+    gram = np.zeros((len(observations.camera), len(keep), len(keep)))
+    cost, squares = 0.0, []
+    for group in observations.groups:
+        rows, square = _rows(group, state.lens[group.camera], chained[group.view])
+        scaled = square * group.weights / noise**2
+        weights = group.weights / noise**2
+        invalid = ~np.isfinite(square)
+        if robust:
+            cost += _CAUCHY**2 * float(np.nansum(np.log1p(scaled / _CAUCHY**2)))
+            weights = weights / (1 + scaled / _CAUCHY**2)
+        else:
+            cost += float(np.nansum(scaled))
+        if invalid.any():
+            rows = np.where(invalid[:, None, None, :], 0.0, rows)
+            cost += _BEHIND_COST * float((invalid & (group.weights > 0)).sum())
+            weights = np.where(invalid, 0.0, weights)
+        rows = rows[:, keep] * np.sqrt(weights)[:, None, None, :]
+        flat = rows.reshape(len(rows), len(keep), -1)
+        gram[group.view] = flat @ np.swapaxes(flat, -1, -2)
+        squares.append(square)
+    return Linearised(gram, cost, tuple(squares))
+
+
+def _rows(group: ObservationGroup, lens: Array, camera_from_rect: Pose) -> tuple[Array, Array]:
+    """Rows (V, 16, 2, P) of derivatives and residual, and squared residuals (V, P)."""
+    count, size = group.weights.shape
+    turned = np.moveaxis(group.points @ np.swapaxes(camera_from_rect.rotation, -1, -2), -1, 0)
+    located = turned + camera_from_rect.translation.T[:, :, None]
+    rows = np.zeros((count, LENS + 7, 2, size))
+    lead = rows.transpose(1, 2, 0, 3)
+    by_point = lead[LENS + 3 : LENS + 6]
+    pixels = fill_projection_rows(lens.T[:, :, None], located, lead[:LENS], by_point, group.model)
+    for axis in range(3):
+        # The step turns q = R p by omega x q; its product with the derivative by the point is omega . (q x g).
+        a, b = (axis + 1) % 3, (axis + 2) % 3
+        lead[LENS + axis] = turned[a] * by_point[b] - turned[b] * by_point[a]
+    residual = np.moveaxis(group.pixels, -1, 0) - pixels
+    lead[LENS + 6] = residual
+    return rows, residual[0] ** 2 + residual[1] ** 2
+
+
+@dataclass(frozen=True, eq=False)
+class Layout:
+    """Who meets whom, worked out once for a set of Views.
+
+    A pair is a (node, camera) that share Views; a meeting is two pairs of one node, hence two cameras that the
+    node ties together. Sums over equal keys run along sorted orders (np.add.reduceat).
+    """
+
+    view_by_camera: "_Sum"
+    view_by_node: "_Sum"
+    view_by_pair: "_Sum"
+    pair_node: Array
+    pair_camera: Array
+    meeting_left: Array
+    meeting_right: Array
+    meeting_by_block: "_Sum"
+    block_left: Array
+    block_right: Array
+
+
+@dataclass(frozen=True, eq=False)
+class _Sum:
+    """Sums rows that carry one key: result[keys] = sum of rows; `total` rows in all."""
+
+    order: Array
+    starts: Array
+    keys: Array
+    total: int
+
+    @staticmethod
+    def over(key: Array, total: int | None = None) -> "_Sum":
+        order = np.argsort(key, kind="stable")
+        keys, starts = np.unique(key[order], return_index=True)
+        return _Sum(order, starts, keys, len(keys) if total is None else total)
+
+    def __call__(self, rows: Array) -> Array:
+        sums = np.add.reduceat(rows[self.order], self.starts, axis=0) if len(self.starts) else rows[:0]
+        if len(self.keys) == self.total:
+            return sums
+        result = np.zeros((self.total, *rows.shape[1:]))
+        result[self.keys] = sums
+        return result
+
+
+def layout(observations: Observations) -> Layout:
+    """Work out the sums of a set of Views."""
+    camera, node = observations.camera, observations.node
+    pair_key = node * observations.cameras + camera
+    by_pair = _Sum.over(pair_key)
+    pairs = by_pair.keys
+    pair_keys = _Sum(by_pair.order, by_pair.starts, np.arange(len(pairs)), len(pairs))
+    pair_node, pair_camera = pairs // observations.cameras, pairs % observations.cameras
+    left, right = _meetings(pair_node)
+    blocks = _Sum.over(pair_camera[left] * observations.cameras + pair_camera[right])
+    return Layout(
+        _Sum.over(camera, observations.cameras),
+        _Sum.over(node, observations.nodes),
+        pair_keys,
+        pair_node,
+        pair_camera,
+        left,
+        right,
+        _Sum(blocks.order, blocks.starts, np.arange(len(blocks.keys)), len(blocks.keys)),
+        blocks.keys // observations.cameras,
+        blocks.keys % observations.cameras,
+    )
+
+
+def _meetings(pair_node: Array) -> tuple[Array, Array]:
+    """All (left <= right) of positions in the sorted pair_node that carry the same node."""
+    _, starts, counts = np.unique(pair_node, return_index=True, return_counts=True)
+    left, right = [], []
+    for size in np.unique(counts):
+        upper_left, upper_right = np.triu_indices(size)
+        of_size = starts[counts == size][:, None]
+        left.append((of_size + upper_left).ravel())
+        right.append((of_size + upper_right).ravel())
+    return (np.concatenate(left), np.concatenate(right)) if left else (np.zeros(0, int), np.zeros(0, int))
+
+
+@dataclass(frozen=True, eq=False)
+class Normal:
+    """The normal equations by blocks: cameras (C, M, M), nodes (N, 6, 6), pairs (Q, M, 6) between them.
+
+    M = K + 6: the lens columns, then the step of camera_from_rig. Gradients point down the cost.
+    """
+
+    cameras: Array
+    camera_gradient: Array
+    nodes: Array
+    node_gradient: Array
+    pairs: Array
+
+
+def normal_equations(observations: Observations, layout: Layout, state: State, gram: Array) -> Normal:
+    """Spread the Gram matrices over camera and rectangle poses by the chain of Eq. 50."""
+    lens = gram.shape[-1] - 7
+    left = state.camera_from_rig[observations.camera]
+    right = state.rig_from_rect[observations.node]
+    by_camera, by_node = compose_jacobians(left, right)
+    size = lens + 6
+    spread = np.zeros((len(gram), size, size + 7))
+    spread[:, :lens, :lens] = gram[:, :lens, :lens]
+    cross = gram[:, :lens, lens : lens + 6]
+    pose = gram[:, lens : lens + 6, lens : lens + 6]
+    transposed = np.swapaxes(by_camera, -1, -2)
+    spread[:, :lens, lens:size] = cross @ by_camera
+    spread[:, lens:size, :lens] = np.swapaxes(spread[:, :lens, lens:size], -1, -2)
+    turned = transposed @ pose
+    spread[:, lens:size, lens:size] = turned @ by_camera
+    spread[:, :lens, size : size + 6] = cross @ by_node
+    spread[:, lens:size, size : size + 6] = turned @ by_node
+    spread[:, :lens, -1] = gram[:, :lens, -1]
+    residual = gram[:, lens : lens + 6, -1:]
+    spread[:, lens:size, -1:] = transposed @ residual
+    node_transposed = np.swapaxes(by_node, -1, -2)
+    node = np.concatenate([node_transposed @ pose @ by_node, node_transposed @ residual], axis=-1)
+    cameras = layout.view_by_camera(spread[:, :, [*range(size), -1]])
+    nodes = layout.view_by_node(node)
+    pairs = layout.view_by_pair(spread[:, :, size : size + 6])
+    return Normal(cameras[:, :, :-1], cameras[:, :, -1], nodes[:, :, :-1], nodes[:, :, -1], pairs)

@@ -1,0 +1,109 @@
+"""Views laid out as arrays: which camera, which rectangle pose, which points, padded so that no loop is needed."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from quadrig.single.lens import LensModel
+from quadrig.single.rotation import Array
+
+
+@dataclass(frozen=True, eq=False)
+class ObservationGroup:
+    """Views of one lens model, padded to one number of points.
+
+    view, camera, node (V,): index of the View, of its camera, of the rectangle pose (node) it sees.
+    points (V, P, 3) metres in the rectangle's frame, pixels (V, P, 2), weights (V, P): 1/sigma^2 of a pixel
+    coordinate, zero where padded or left out.
+    """
+
+    view: Array
+    camera: Array
+    node: Array
+    points: Array
+    pixels: Array
+    weights: Array
+    model: LensModel
+
+
+@dataclass(frozen=True, eq=False)
+class Observations:
+    """All Views of a problem. camera, node (V,) say what each View joins; there are `cameras` and `nodes` of them."""
+
+    groups: tuple[ObservationGroup, ...]
+    camera: Array
+    node: Array
+    cameras: int
+    nodes: int
+
+    def with_weights(self, weights: Sequence[Array]) -> "Observations":
+        """The same Views with other weights, one array a group."""
+        groups = tuple(
+            ObservationGroup(g.view, g.camera, g.node, g.points, g.pixels, w, g.model)
+            for g, w in zip(self.groups, weights, strict=True)
+        )
+        return Observations(groups, self.camera, self.node, self.cameras, self.nodes)
+
+    def with_nodes(self, node: Array, nodes: int) -> "Observations":
+        """The same Views of other rectangle poses: `node` (V,) in the order of the Views."""
+        groups = tuple(
+            ObservationGroup(g.view, g.camera, node[g.view], g.points, g.pixels, g.weights, g.model)
+            for g in self.groups
+        )
+        return Observations(groups, self.camera, node, self.cameras, nodes)
+
+    @property
+    def count(self) -> int:
+        """How many points carry weight."""
+        return int(sum((g.weights > 0).sum() for g in self.groups))
+
+
+def pack(
+    points: Sequence[Array],
+    pixels: Sequence[Array],
+    sigma: Sequence[float],
+    camera: Array,
+    node: Array,
+    models: Sequence[LensModel],
+    nodes: int,
+) -> Observations:
+    """Lay Views out in groups of like size. One entry a View, but `models`: one a camera."""
+    sizes = np.array([len(p) for p in pixels])
+    padded = 4 * np.ceil(sizes / 4).astype(int) if len(sizes) and sizes.max() <= 16 else _padded_sizes(sizes)
+    is_fisheye = np.array([models[c] == "fisheye" for c in camera], bool)
+    groups = []
+    for model in ("pinhole", "fisheye"):
+        of_model = is_fisheye == (model == "fisheye")
+        for size in np.unique(padded[of_model]):
+            view = np.flatnonzero(of_model & (padded == size))
+            groups.append(_group(view, int(size), points, pixels, sigma, sizes, camera, node, model))
+    return Observations(tuple(groups), np.asarray(camera), np.asarray(node), len(models), nodes)
+
+
+def _padded_sizes(sizes: Array) -> Array:
+    """Each size up to the next of 4, 8, 16, 32, ... but never past the largest, so that full boards waste nothing."""
+    powers = 4 * 2 ** np.ceil(np.log2(np.maximum(sizes, 4) / 4)).astype(int)
+    return np.minimum(powers, sizes.max())
+
+
+def _group(
+    view: Array,
+    size: int,
+    points: Sequence[Array],
+    pixels: Sequence[Array],
+    sigma: Sequence[float],
+    sizes: Array,
+    camera: Array,
+    node: Array,
+    model: LensModel,
+) -> ObservationGroup:
+    shape = (len(view), size)
+    padded_points, padded_pixels, weights = np.zeros((*shape, 3)), np.zeros((*shape, 2)), np.zeros(shape)
+    for row, index in enumerate(view):
+        count = sizes[index]
+        padded_points[row, :count], padded_pixels[row, :count] = points[index], pixels[index]
+        # Padding repeats the first point: a place that surely projects; its weight of zero takes it out.
+        padded_points[row, count:], padded_pixels[row, count:] = points[index][0], pixels[index][0]
+        weights[row, :count] = 1 / sigma[index] ** 2
+    return ObservationGroup(view, camera[view], node[view], padded_points, padded_pixels, weights, model)
