@@ -1,0 +1,340 @@
+"""MCAP files in any state: where each message lies, and its bytes.
+
+The mcap package reads whole files; recordings that people have were also cut off by a full disk or a pulled plug,
+written without an index, or damaged in one chunk. Here the index is used where there is one; else the records are
+walked, without reading the messages themselves. What is whole is used, and `note` says what was not.
+Record layouts: the MCAP specification, version 0.
+"""
+
+import struct
+from collections import OrderedDict
+from collections.abc import Iterator
+from dataclasses import dataclass
+from io import BytesIO
+from pathlib import Path
+from typing import BinaryIO
+
+import numpy as np
+from mcap.data_stream import ReadDataStream
+from mcap.opcode import Opcode
+from mcap.records import Channel, ChunkIndex, Footer, Schema, Statistics
+
+from quadrig.single.errors import QuadrigError
+from quadrig.single.rotation import Array
+
+MAGIC = b"\x89MCAP0\r\n"
+_RECORD_HEADER = struct.Struct("<BQ")
+_MESSAGE_HEADER = struct.Struct("<HIQQ")
+_CHUNK_HEADER = struct.Struct("<QQQII")
+_FOOTER_BYTES = _RECORD_HEADER.size + 20
+# Decompressed chunks kept at hand: messages of interleaved topics are read nearly in file order, so two suffice.
+_KEPT_CHUNKS = 2
+_TOP_LEVEL = -1
+
+
+@dataclass(frozen=True, eq=False)
+class TopicMessages:
+    """One topic of one file: what its messages are, and where.
+
+    log_times (N,) ns; chunks (N,): file offset of the chunk that holds each message, -1 outside chunks; offsets (N,):
+    of the message record, in the chunk's uncompressed bytes or in the file. Sorted by log time.
+    """
+
+    path: Path
+    topic: str
+    encoding: str
+    schema: str
+    log_times: Array
+    chunks: Array
+    offsets: Array
+
+    def __len__(self) -> int:
+        return len(self.log_times)
+
+    def part(self, indices: Array) -> "TopicMessages":
+        """The messages of these indices alone: little to send to another process."""
+        log_times, chunks, offsets = self.log_times[indices], self.chunks[indices], self.offsets[indices]
+        return TopicMessages(self.path, self.topic, self.encoding, self.schema, log_times, chunks, offsets)
+
+
+@dataclass(frozen=True, eq=False)
+class McapIndex:
+    """What is in an MCAP file. note: what could not be used of it, in words, or ""."""
+
+    path: Path
+    topics: tuple[TopicMessages, ...]
+    indexed: bool
+    note: str = ""
+
+
+def is_mcap(path: Path) -> bool:
+    """Whether the file begins as MCAP files do."""
+    with path.open("rb") as stream:
+        return stream.read(len(MAGIC)) == MAGIC
+
+
+def index_mcap(path: Path) -> McapIndex:
+    """Find every message of the file. Raises QuadrigError where it is not an MCAP file."""
+    with path.open("rb") as stream:
+        size = stream.seek(0, 2)
+        stream.seek(0)
+        if stream.read(len(MAGIC)) != MAGIC:
+            what = "is empty" if size == 0 else "is not an MCAP file"
+            raise QuadrigError(f"{path}: {what}; give an MCAP recording, videos or folders of images")
+        scan = _Scan(path, stream, size)
+        indexed = scan.use_summary()
+        if not indexed:
+            scan.walk()
+        return McapIndex(path, scan.topics(), indexed, scan.note)
+
+
+class McapBytes:
+    """The bytes of messages of one file; keeps the file open, so one for each process."""
+
+    def __init__(self, path: Path) -> None:
+        self._stream = path.open("rb")
+        self._chunks: OrderedDict[int, tuple[int, bytes | None]] = OrderedDict()
+
+    def close(self) -> None:
+        """Let go of the file."""
+        self._stream.close()
+
+    def message(self, chunk: int, offset: int, limit: int | None = None) -> bytes:
+        """The data of the message at this place, or no more than its first `limit` bytes."""
+        if chunk != _TOP_LEVEL:
+            start, data = self._chunk(chunk)
+            if data is not None:
+                length = _RECORD_HEADER.unpack_from(data, offset)[1] - _MESSAGE_HEADER.size
+                begin = offset + _RECORD_HEADER.size + _MESSAGE_HEADER.size
+                return data[begin : begin + (length if limit is None else min(limit, length))]
+            offset += start
+        self._stream.seek(offset)
+        length = _RECORD_HEADER.unpack(self._stream.read(_RECORD_HEADER.size))[1] - _MESSAGE_HEADER.size
+        self._stream.seek(_MESSAGE_HEADER.size, 1)
+        return self._stream.read(length if limit is None else min(limit, length))
+
+    def _chunk(self, chunk: int) -> tuple[int, bytes | None]:
+        """File offset of the chunk's records, and their bytes where they are compressed."""
+        if chunk in self._chunks:
+            self._chunks.move_to_end(chunk)
+            return self._chunks[chunk]
+        self._stream.seek(chunk)
+        start, stored, _, compression = _read_chunk_header(self._stream)
+        data = None if compression == "" else _decompress(self._stream.read(stored), compression)
+        self._chunks[chunk] = (start, data)
+        compressed = [key for key, (_, kept) in self._chunks.items() if kept is not None]
+        for old in compressed[:-_KEPT_CHUNKS]:
+            del self._chunks[old]
+        return start, data
+
+
+class _Scan:
+    """Collects channels and message places of one file."""
+
+    def __init__(self, path: Path, stream: BinaryIO, size: int) -> None:
+        self.path, self.stream, self.size = path, stream, size
+        self.schemas: dict[int, Schema] = {}
+        self.channels: dict[int, Channel] = {}
+        self.places: dict[int, list[Array]] = {}
+        self.loose: dict[int, list[tuple[int, int, int]]] = {}
+        self.note = ""
+
+    def use_summary(self) -> bool:
+        """Take everything from the summary; False where it is missing, broken or has no message index."""
+        try:
+            records = list(self._summary_records())
+            chunks = [ChunkIndex.read(_stream(data)) for op, data in records if op == Opcode.CHUNK_INDEX]
+            counts = [Statistics.read(_stream(data)) for op, data in records if op == Opcode.STATISTICS]
+            for op, data in records:
+                self._definition(op, data)
+            if not chunks or not all(chunk.message_index_offsets or _has_no_messages(chunk) for chunk in chunks):
+                return False
+            for chunk in chunks:
+                self._read_message_indexes(chunk)
+        except (struct.error, EOFError, IndexError, ValueError, OSError):
+            self.places.clear()
+            return False
+        found = sum(len(part) for parts in self.places.values() for part in parts)
+        complete = not counts or counts[0].message_count == found
+        if not complete or not set(self.places) <= set(self.channels):
+            self.places.clear()
+            return False
+        return True
+
+    def walk(self) -> None:
+        """Walk the records of the data section up to its end or to where the file was cut off."""
+        position = len(MAGIC)
+        while True:
+            self.stream.seek(position)
+            header = self.stream.read(_RECORD_HEADER.size)
+            if len(header) < _RECORD_HEADER.size:
+                self._cut_off(position)
+                return
+            op, length = _RECORD_HEADER.unpack(header)
+            end = position + _RECORD_HEADER.size + length
+            if op == Opcode.CHUNK:
+                end = self._walk_chunk(position, min(end, self.size))
+                if position + _RECORD_HEADER.size + length > self.size:
+                    self._cut_off(position)
+                    return
+            elif end > self.size:
+                self._cut_off(position)
+                return
+            elif op == Opcode.DATA_END:
+                return
+            elif op == Opcode.MESSAGE:
+                self._message(self.stream.read(_MESSAGE_HEADER.size), _TOP_LEVEL, position)
+            elif op in (Opcode.SCHEMA, Opcode.CHANNEL):
+                self._definition(op, self.stream.read(length))
+            position = end
+
+    def topics(self) -> tuple[TopicMessages, ...]:
+        """The topics found, those of several writers joined, in the order of their names."""
+        parts: dict[tuple[str, str, str], list[Array]] = {}
+        for channel in self.channels.values():
+            schema = self.schemas.get(channel.schema_id)
+            key = (channel.topic, channel.message_encoding, schema.name if schema else "")
+            parts.setdefault(key, []).extend(self.places.get(channel.id, []))
+            loose = self.loose.get(channel.id, [])
+            parts[key].append(np.array(loose, np.int64).reshape(-1, 3))
+        topics = []
+        for (topic, encoding, schema), arrays in sorted(parts.items()):
+            places = np.concatenate(arrays)
+            places = places[np.argsort(places[:, 0], kind="stable")]
+            topics.append(TopicMessages(self.path, topic, encoding, schema, *places.T.copy()))
+        return tuple(topics)
+
+    def _summary_records(self) -> Iterator[tuple[int, bytes]]:
+        end = self.size - len(MAGIC) - _FOOTER_BYTES
+        self.stream.seek(end)
+        tail = self.stream.read()
+        if tail[_FOOTER_BYTES:] != MAGIC or tail[0] != Opcode.FOOTER:
+            raise EOFError
+        footer = Footer.read(_stream(tail[_RECORD_HEADER.size :]))
+        if not 0 < footer.summary_start < end:
+            raise EOFError
+        self.stream.seek(footer.summary_start)
+        yield from _records(self.stream.read(end - footer.summary_start))
+
+    def _definition(self, op: int, data: bytes) -> None:
+        if op == Opcode.SCHEMA:
+            schema = Schema.read(_stream(data))
+            self.schemas[schema.id] = schema
+        elif op == Opcode.CHANNEL:
+            channel = Channel.read(_stream(data))
+            self.channels[channel.id] = channel
+
+    def _read_message_indexes(self, chunk: ChunkIndex) -> None:
+        self.stream.seek(chunk.chunk_start_offset + chunk.chunk_length)
+        for op, data in _records(self.stream.read(chunk.message_index_length)):
+            if op == Opcode.MESSAGE_INDEX:
+                self._message_index(data, chunk.chunk_start_offset)
+
+    def _message_index(self, data: bytes, chunk: int) -> int:
+        """Take in one MessageIndex record of a chunk; the channel's id."""
+        channel, length = struct.unpack_from("<HI", data)
+        entries = np.frombuffer(data, "<u8", length // 8, 6).reshape(-1, 2).astype(np.int64)
+        if len(entries):
+            where = np.full(len(entries), chunk, np.int64)
+            self.places.setdefault(channel, []).append(np.column_stack([entries[:, 0], where, entries[:, 1]]))
+        return channel
+
+    def _message(self, header: bytes, chunk: int, offset: int) -> None:
+        channel, _, log_time, _ = _MESSAGE_HEADER.unpack(header)
+        self.loose.setdefault(channel, []).append((log_time, chunk, offset))
+
+    def _walk_chunk(self, position: int, end: int) -> int:
+        """Take in the messages of a chunk, from the index behind it where there is one; where to go on."""
+        self.stream.seek(position)
+        try:
+            _, stored, _, compression = _read_chunk_header(self.stream)
+        except (struct.error, UnicodeDecodeError):
+            return end
+        data_start = self.stream.tell()
+        next_record, channels = self._message_indexes_behind(end, position)
+        if channels and channels <= set(self.channels):
+            return next_record
+        self.stream.seek(data_start)
+        try:
+            data = _decompress(self.stream.read(min(stored, end - data_start)), compression)
+        except Exception:
+            self._say(f"the chunk at byte {position} is damaged and was left out")
+            return next_record
+        for offset, op, begin, stop in _record_places(data):
+            if op == Opcode.MESSAGE and not channels:
+                self._message(data[begin : begin + _MESSAGE_HEADER.size], position, offset)
+            elif op in (Opcode.SCHEMA, Opcode.CHANNEL):
+                self._definition(op, data[begin:stop])
+        return next_record
+
+    def _message_indexes_behind(self, end: int, chunk: int) -> tuple[int, set[int]]:
+        channels: set[int] = set()
+        while True:
+            self.stream.seek(end)
+            header = self.stream.read(_RECORD_HEADER.size)
+            if len(header) < _RECORD_HEADER.size or header[0] != Opcode.MESSAGE_INDEX:
+                return end, channels
+            length = _RECORD_HEADER.unpack(header)[1]
+            data = self.stream.read(length)
+            if len(data) < length:
+                # The rest of the index is lost, but the chunk is whole: its own records say what is in it.
+                for parts in self.places.values():
+                    parts[:] = [part for part in parts if not (len(part) and part[0, 1] == chunk)]
+                return end, set()
+            channels.add(self._message_index(data, chunk))
+            end += _RECORD_HEADER.size + length
+
+    def _cut_off(self, position: int) -> None:
+        self._say(f"the file was cut off at byte {self.size} (the last whole record ends at byte {position})")
+
+    def _say(self, sentence: str) -> None:
+        self.note = f"{self.note}; {sentence}" if self.note else sentence
+
+
+def _has_no_messages(chunk: ChunkIndex) -> bool:
+    return chunk.message_start_time == 0 and chunk.message_end_time == 0
+
+
+def _stream(data: bytes) -> ReadDataStream:
+    return ReadDataStream(BytesIO(data))
+
+
+def _read_chunk_header(stream: BinaryIO) -> tuple[int, int, int, str]:
+    """From the start of a Chunk record: where its data starts, bytes stored, bytes uncompressed, compression."""
+    stream.seek(_RECORD_HEADER.size, 1)
+    _, _, uncompressed, _, name_length = _CHUNK_HEADER.unpack(stream.read(_CHUNK_HEADER.size))
+    compression = stream.read(name_length).decode()
+    (stored,) = struct.unpack("<Q", stream.read(8))
+    return stream.tell(), stored, uncompressed, compression
+
+
+def _decompress(data: bytes, compression: str) -> bytes:
+    """The chunk's records; of compressed data that breaks off, as much as can be had."""
+    if compression == "zstd":
+        import zstandard
+
+        return zstandard.ZstdDecompressor().decompressobj().decompress(data)
+    if compression == "lz4":
+        import lz4.frame
+
+        return lz4.frame.LZ4FrameDecompressor().decompress(data)
+    if compression:
+        raise QuadrigError(f"chunks are compressed with {compression!r}; convert the recording to lz4 or zstd")
+    return data
+
+
+def _record_places(data: bytes) -> Iterator[tuple[int, int, int, int]]:
+    """Offset, opcode, begin and end of the content of each whole record in these bytes."""
+    offset = 0
+    while offset + _RECORD_HEADER.size <= len(data):
+        op, length = _RECORD_HEADER.unpack_from(data, offset)
+        begin = offset + _RECORD_HEADER.size
+        if begin + length > len(data):
+            return
+        yield offset, op, begin, begin + length
+        offset = begin + length
+
+
+def _records(data: bytes) -> Iterator[tuple[int, bytes]]:
+    for _, op, begin, end in _record_places(data):
+        yield op, data[begin:end]
