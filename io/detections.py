@@ -1,0 +1,162 @@
+"""From a recording to Views: every image of its framesets searched for the rectangles, over worker processes."""
+
+import sys
+from collections.abc import Sequence
+from concurrent.futures import Executor
+from contextlib import ExitStack, closing
+from dataclasses import dataclass, replace
+from itertools import chain
+from pathlib import Path
+
+import numpy as np
+
+from quadrig.single.detect import detect
+from quadrig.single.rectangle import Rectangle
+from quadrig.single.rotation import Array
+from quadrig.single.view import View
+
+from .detection_file import Found, camera_key, keep_detections, read_detections
+from .framesets import Framesets
+from .image_source import ImageSource
+from .progress import progress_bar
+from .recording import Recording
+from .workers import run_tasks
+
+# Images of one task: about a second of work, so that the bar moves and an interrupted run loses little.
+_BATCH = 16
+
+
+@dataclass(frozen=True, eq=False)
+class Detections:
+    """What the images of a recording showed. views: with camera and frameset.
+
+    searched: images searched now; reused: images whose detections were kept; unreadable: images by camera.
+    """
+
+    views: list[View]
+    searched: int
+    reused: int
+    unreadable: dict[str, int]
+
+
+@dataclass(frozen=True, eq=False)
+class _Batch:
+    camera: str
+    images: Array
+    source: ImageSource
+    rectangles: tuple[Rectangle, ...]
+
+
+def find_views(
+    recording: Recording,
+    framesets: Framesets,
+    rectangles: Sequence[Rectangle],
+    progress: bool = True,
+    workers: int | None = None,
+    cache: Path | None = None,
+    executor: Executor | None = None,
+) -> list[View]:
+    """The Views of `find_detections`, in the order of framesets, cameras and detection."""
+    return find_detections(recording, framesets, rectangles, progress, workers, cache, executor).views
+
+
+def find_detections(
+    recording: Recording,
+    framesets: Framesets,
+    rectangles: Sequence[Rectangle],
+    progress: bool = True,
+    workers: int | None = None,
+    cache: Path | None = None,
+    executor: Executor | None = None,
+) -> Detections:
+    """Search the images of the framesets for the rectangles.
+
+    cache: an MCAP that keeps what is found: images that it has are not searched again. executor: runs the tasks
+    instead of a process pool of `workers`. Ctrl-C ends the workers, keeps what was found, and says so.
+    Raises QuadrigError where the cache cannot be written or workers keep dying.
+    """
+    keys = {camera.name: camera_key(recording, camera, rectangles) for camera in recording.cameras}
+    found = read_detections(cache, keys) if cache is not None else {}
+    batches = _batches(recording, framesets, tuple(rectangles), found)
+    searched = sum(len(batch.images) for batch in batches)
+    reused = sum(len(framesets.of_camera(camera.name)[1]) for camera in recording.cameras) - searched
+    if batches:
+        _search(recording, batches, found, keys, progress, workers, cache, executor)
+    return Detections(_in_order(framesets, found), searched, reused, _unreadable(framesets, found))
+
+
+def search_images(source: ImageSource, rectangles: Sequence[Rectangle]) -> list[tuple[View, ...] | None]:
+    """The Views of each image of a source; None where it is unreadable."""
+    return [None if image is None else tuple(detect(image, rectangles)) for image in source.images()]
+
+
+def _search_batch(batch: _Batch) -> list[tuple[View, ...] | None]:
+    return search_images(batch.source, batch.rectangles)
+
+
+def _batches(
+    recording: Recording, framesets: Framesets, rectangles: tuple[Rectangle, ...], found: Found
+) -> list[_Batch]:
+    """The images that are still to be searched, in the order of their time, so that the disk reads forward."""
+    batches: list[tuple[int, _Batch]] = []
+    for camera in recording.cameras:
+        sets, images = framesets.of_camera(camera.name)
+        todo = np.array([(camera.name, image) not in found for image in images.tolist()], bool)
+        starts = dict(zip(images.tolist(), sets.tolist(), strict=True))
+        for part in camera.source.batches(images[todo], _BATCH):
+            batches.append((starts[int(part[0])], _Batch(camera.name, part, camera.source.part(part), rectangles)))
+    return [batch for _, batch in sorted(batches, key=lambda pair: pair[0])]
+
+
+def _search(
+    recording: Recording,
+    batches: Sequence[_Batch],
+    found: Found,
+    keys: dict[str, str],
+    progress: bool,
+    workers: int | None,
+    cache: Path | None,
+    executor: Executor | None,
+) -> None:
+    """Fill `found`, and the cache as it grows."""
+    stamps = {camera.name: camera.stamps for camera in recording.cameras}
+    total, done = sum(len(batch.images) for batch in batches), 0
+    try:
+        with ExitStack() as stack:
+            writer = stack.enter_context(keep_detections(cache, keys, found, stamps)) if cache else None
+            results = stack.enter_context(closing(run_tasks(_search_batch, batches, workers, executor)))
+            # The bar runs a thread: it starts when the worker processes have been forked.
+            first = next(results)
+            advance = stack.enter_context(progress_bar("detect", total, "images", quiet=not progress))
+            for index, result in chain([first], results):
+                batch = batches[index]
+                for image, views in zip(batch.images.tolist(), result, strict=True):
+                    found[batch.camera, image] = views
+                    if writer is not None:
+                        writer.write(batch.camera, image, int(stamps[batch.camera][image]), views)
+                done += len(batch.images)
+                advance(len(batch.images))
+    except KeyboardInterrupt:
+        kept = f"kept in {cache}; the same command goes on from there" if cache else "not kept"
+        print(f"stopped: {done} of {total} images were searched, {kept}", file=sys.stderr)
+        raise
+
+
+def _in_order(framesets: Framesets, found: Found) -> list[View]:
+    views = []
+    for column, camera in enumerate(framesets.cameras):
+        sets, images = framesets.of_camera(camera)
+        for frameset, image in zip(sets.tolist(), images.tolist(), strict=True):
+            for view in found.get((camera, image)) or ():
+                views.append((frameset, column, replace(view, camera=camera, frameset=frameset)))
+    return [view for _, _, view in sorted(views, key=lambda entry: entry[:2])]
+
+
+def _unreadable(framesets: Framesets, found: Found) -> dict[str, int]:
+    counts = {}
+    for camera in framesets.cameras:
+        images = framesets.of_camera(camera)[1].tolist()
+        missing = sum((camera, image) in found and found[camera, image] is None for image in images)
+        if missing:
+            counts[camera] = missing
+    return counts

@@ -1,0 +1,110 @@
+"""Tasks over worker processes: results as they come, lost workers replaced, nothing left running behind."""
+
+import multiprocessing
+import os
+import signal
+import sys
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Executor, Future, ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from typing import TypeVar
+
+import cv2
+
+from quadrig.single.errors import QuadrigError
+
+Task = TypeVar("Task")
+Result = TypeVar("Result")
+
+# A worker may be killed by chance (memory, a colleague); a task that kills three in a row is itself the cause.
+_ROUNDS_WITHOUT_PROGRESS = 3
+
+
+def default_workers() -> int:
+    """As many worker processes as this process may use processors."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def run_tasks(
+    function: Callable[[Task], Result],
+    tasks: Sequence[Task],
+    workers: int | None = None,
+    executor: Executor | None = None,
+) -> Iterator[tuple[int, Result]]:
+    """Index and result of each task, in the order of completion. function and tasks must be picklable.
+
+    workers: processes of a pool of our own, 1: none but this one. executor: used instead, where given.
+    A process that is killed loses nothing: its tasks are done again. Raises QuadrigError where that does not help,
+    and lets through what a task raises. When the caller stops early, or is interrupted, the workers are ended.
+    """
+    workers = default_workers() if workers is None else workers
+    if executor is not None:
+        yield from _completed(executor, function, list(enumerate(tasks)))
+    elif workers <= 1 or len(tasks) <= 1:
+        for index, task in enumerate(tasks):
+            yield index, function(task)
+    else:
+        yield from _over_pool(function, tasks, min(workers, len(tasks)))
+
+
+def _over_pool(
+    function: Callable[[Task], Result], tasks: Sequence[Task], workers: int
+) -> Iterator[tuple[int, Result]]:
+    left = dict(enumerate(tasks))
+    failures = 0
+    while left:
+        with _pool(workers) as pool:
+            try:
+                for index, result in _completed(pool, function, list(left.items())):
+                    del left[index]
+                    failures = 0
+                    yield index, result
+            except BrokenProcessPool as error:
+                failures += 1
+                if failures == _ROUNDS_WITHOUT_PROGRESS:
+                    raise QuadrigError(
+                        f"a worker process was ended {failures} times in a row, {len(left)} tasks are left; "
+                        "is there enough memory? use fewer workers"
+                    ) from error
+
+
+def _completed(
+    executor: Executor, function: Callable[[Task], Result], tasks: Sequence[tuple[int, Task]]
+) -> Iterator[tuple[int, Result]]:
+    futures: dict[Future[Result], int] = {executor.submit(function, task): index for index, task in tasks}
+    try:
+        for future in as_completed(futures):
+            yield futures[future], future.result()
+    finally:
+        for future in futures:
+            future.cancel()
+
+
+@contextmanager
+def _pool(workers: int) -> Iterator[ProcessPoolExecutor]:
+    before = set(multiprocessing.active_children())
+    pool = ProcessPoolExecutor(workers, mp_context=_context(), initializer=_begin_worker)
+    finished = False
+    try:
+        yield pool
+        finished = True
+    finally:
+        if not finished:
+            # Their tasks would run on for seconds, and at exit Python would wait for them.
+            for process in set(multiprocessing.active_children()) - before:
+                process.terminate()
+        pool.shutdown(wait=finished, cancel_futures=True)
+
+
+def _context() -> multiprocessing.context.BaseContext:
+    """Fork is quick and asks nothing of the caller's script, but is safe only where no other thread runs."""
+    forks = sys.platform == "linux" and threading.active_count() == 1
+    return multiprocessing.get_context("fork" if forks else "spawn")
+
+
+def _begin_worker() -> None:
+    """Ctrl-C is the parent's business, and processes beat OpenCV's own threads."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    cv2.setNumThreads(1)
