@@ -42,7 +42,7 @@ class VideoFile:
     """Frames of a video file. times (N,): presentation times in units of time_base seconds, rising.
 
     keys (K,): indices of the frames at which decoding can begin. counted: the file carries no times, so that
-    frames are counted from its start. given_stamps: ns, where something knows better than the video (a table).
+    frames are counted from its start.
     """
 
     path: Path
@@ -51,24 +51,19 @@ class VideoFile:
     time_base: float
     keys: Array
     counted: bool = False
-    given_stamps: Array | None = None
 
     def __len__(self) -> int:
         return len(self.times)
 
     def stamps(self) -> Array:
-        """As ImageSource has it; from the start of the video where nothing better is given."""
-        if self.given_stamps is not None:
-            return self.given_stamps
+        """As ImageSource has it, from the start of the video."""
         return np.round(self.times * (self.time_base * 1e9)).astype(np.int64)
 
     def part(self, indices: Array) -> "VideoFile":
         """As ImageSource has it."""
-        given = None if self.given_stamps is None else self.given_stamps[indices]
         # Where to begin is found by time, so the part needs no key frames of its own.
-        return VideoFile(
-            self.path, self.encoding, self.times[indices], self.time_base, np.zeros(0, int), self.counted, given
-        )
+        none = np.zeros(0, np.int64)
+        return VideoFile(self.path, self.encoding, self.times[indices], self.time_base, none, self.counted)
 
     def images(self, gray: bool = True) -> Iterator[Array | None]:
         """As ImageSource has it."""
