@@ -134,6 +134,8 @@ def _paint(
     if box is None:
         return
     tone = alpha = nearest = None
+    # Instants of a motion lie apart like samples do: together they are as many as asked for.
+    samples = max(1, -(-samples // len(cam_from_rects)))
     for cam_from_rect in cam_from_rects:
         step_tone, step_alpha, step_depth = _cast(cam_from_rect, sheet, grid.rays[box], samples)
         tone = step_tone if tone is None else tone + step_tone
@@ -212,8 +214,8 @@ def _cast(cam_from_rect: Pose, sheet: Sheet, rays: Array, samples: int) -> tuple
         size = (width * samples, height * samples)
         map_x, map_y = cv2.resize(map_x, size), cv2.resize(map_y, size)
     fine = cv2.remap(texture, map_x, map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=0)
-    mean = cv2.resize(fine, (width, height), interpolation=cv2.INTER_AREA) if samples > 1 else fine
-    printed, alpha = mean[..., 0], mean[..., 1]
+    mean = cv2.resize(fine.astype(np.float32), (width, height), interpolation=cv2.INTER_AREA) if samples > 1 else fine
+    printed, alpha = mean[..., 0] * np.float32(1 / 255), mean[..., 1] * np.float32(1 / 255)
     tone = np.where(front, _INK * alpha + (sheet.tone - _INK) * printed, sheet.tone * alpha)
     return tone * np.float32(_shade(cam_from_rect)), alpha, distance
 
@@ -234,7 +236,7 @@ def _wanted_density(x: Array, y: Array, sheet: Sheet, samples: int) -> float:
 
 
 def _texture(sheet: Sheet, density: float) -> tuple[Array, tuple[float, float]]:
-    """(h, w, 2) float32: paper share times cover, and cover, in a border of one empty texel; texels per metre."""
+    """(h, w, 2) uint8: paper share times cover, and cover, in a border of one empty texel; texels per metre."""
     if sheet.texture is None:
         return _drawn_texture(sheet.rectangle, density, sheet.border)
     picture = np.asarray(sheet.texture, np.float32)
@@ -250,7 +252,7 @@ def _drawn_texture(rectangle: Rectangle, density: float, margin: float) -> tuple
 
 
 def _bordered(picture: Array) -> Array:
-    both = np.stack([picture, np.ones_like(picture)], axis=-1).astype(np.float32)
+    both = np.rint(255 * np.stack([picture, np.ones_like(picture)], axis=-1)).astype(np.uint8)
     return cv2.copyMakeBorder(both, 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=0)
 
 

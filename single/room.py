@@ -69,7 +69,7 @@ def _board_grain(x: Array, y: Array) -> Array:
 def _illumination(hit: Array, low: Array, high: Array) -> Array:
     """A window's light from one side, and the dusk of the edges where two faces meet."""
     share = np.clip((hit - low) / (high - low), 0, 1)
-    window = 0.80 + 0.30 * np.exp(-((share[..., 0] - 0.25) ** 2 + (share[..., 1] - 0.35) ** 2) / 0.18)
+    window = 1.05 + 0.35 * np.exp(-((share[..., 0] - 0.25) ** 2 + (share[..., 1] - 0.35) ** 2) / 0.18)
     edge = 4 * share * (1 - share)
     second = np.sort(edge, axis=-1)[..., 1]
     return window * (0.72 + 0.28 * np.sqrt(np.clip(second, 0, 1)))

@@ -1,0 +1,294 @@
+"""Chessboards and ChArUco boards: their inner corners to sub-pixel accuracy."""
+
+import cv2
+import numpy as np
+
+from .dictionaries import canonical_dictionary, check_tag_id
+from .marking_image import charuco_tag_squares, starts_with_tag
+from .rectangle import CharucoMarking, ChessboardMarking, Rectangle, board_points
+from .rotation import Array
+from .subpixel import CornerFit, fit_corners
+from .view import View
+
+# A corner whose fit leaves more than this share of its contrast unexplained (rms) is covered, torn or no corner.
+_UNEXPLAINED = 0.2
+# Grey levels between the squares below which a corner is lost in the noise.
+_LEAST_CONTRAST = 12.0
+# sigma (px) above which a corner says too little to be worth the risk.
+_WORST_SIGMA = 0.5
+# px that the model is wrong by on real lenses, added to what noise explains.
+_MODEL_SIGMA = 0.02
+# Largest window (px): farther out the lens bends the squares' edges.
+_WIDEST = 7.0
+
+
+# ---------------------------------------------------------------------------------------------------- chessboards
+
+
+def detect_chessboard(grey: Array, rectangle: Rectangle, rough: Array | None = None) -> View | None:
+    """The View of a chessboard whose corners are all in sight, or None.
+
+    The board's top left square is black. A board of columns + rows even looks the same after half a turn, a square
+    one of odd columns after a quarter: all readings that the colours allow are in the View, the one nearest to
+    upright in the image first. rough (rows - 1, columns - 1, 2): where to look instead of searching, px.
+    """
+    marking = rectangle.marking
+    assert isinstance(marking, ChessboardMarking)
+    grid = _find_grid(grey, marking.columns - 1, marking.rows - 1) if rough is None else rough
+    if grid is None:
+        return None
+    grid = _right_handed(grid)
+    axes = _grid_axes(grid)
+    fit = _fit_grid(grey, grid, axes)
+    signs = _colour_signs(fit, grid.shape[:2])
+    if not _all_sure(fit, grid, axes) or signs == 0:
+        return None
+    pixels = fit.pixels.reshape(grid.shape)
+    readings = _readings(marking, pixels, signs)
+    points = board_points(marking.columns, marking.rows, marking.square)
+    order = readings[0]
+    back = np.argsort(order)
+    return View(
+        rectangle.name,
+        points,
+        pixels.reshape(-1, 2)[back],
+        alternatives=tuple(points[other[back]] for other in readings[1:]),
+        sigma=_view_sigma(fit.sigma),
+    )
+
+
+def _find_grid(grey: Array, columns: int, rows: int) -> Array | None:
+    """Rough corners (rows, columns, 2) px of a chessboard of columns x rows inner corners."""
+    quick = cv2.CALIB_CB_ADAPTIVE_THRESH + cv2.CALIB_CB_NORMALIZE_IMAGE + cv2.CALIB_CB_FAST_CHECK
+    found, corners = cv2.findChessboardCorners(grey, (columns, rows), flags=quick)
+    if not found:
+        found, corners = cv2.findChessboardCornersSB(grey, (columns, rows), flags=cv2.CALIB_CB_NORMALIZE_IMAGE)
+    return np.asarray(corners, float).reshape(rows, columns, 2) if found else None
+
+
+def _right_handed(grid: Array) -> Array:
+    """The same corners with columns mirrored where needed: the front of a sheet is never seen mirrored."""
+    along, down = grid[:, -1] - grid[:, 0], grid[-1] - grid[0]
+    turn = np.mean(along[:, 0]) * np.mean(down[:, 1]) - np.mean(along[:, 1]) * np.mean(down[:, 0])
+    return grid if turn > 0 else grid[:, ::-1]
+
+
+def _grid_axes(grid: Array) -> Array:
+    """px along one square's side, by columns and by rows, at each corner of a grid (rows, columns, 2, 2)."""
+    return np.stack([np.gradient(grid, axis=1), np.gradient(grid, axis=0)], axis=2)
+
+
+def _fit_grid(grey: Array, grid: Array, axes: Array) -> CornerFit:
+    flat_axes = axes.reshape(-1, 2, 2)
+    fit = fit_corners(grey, grid.reshape(-1, 2), flat_axes, _window(flat_axes))
+    moved = np.linalg.norm(fit.pixels - grid.reshape(-1, 2), axis=1)
+    if np.max(moved, initial=0.0) > 1.0:
+        fit = fit_corners(grey, fit.pixels, flat_axes, _window(flat_axes))
+    return fit
+
+
+def _window(axes: Array) -> Array:
+    """Radius in px that holds the four squares of a corner and nothing beyond them."""
+    area = np.abs(np.linalg.det(axes))
+    across = area / np.max(np.linalg.norm(axes, axis=2), axis=1)
+    return np.clip(0.7 * across, 2.0, _WIDEST)
+
+
+def _good(fit: CornerFit) -> Array:
+    strength = np.abs(fit.contrast)
+    explained = fit.noise < _UNEXPLAINED * strength
+    return explained & (strength > _LEAST_CONTRAST) & (fit.sigma < _WORST_SIGMA) & np.isfinite(fit.pixels).all(axis=1)
+
+
+def _all_sure(fit: CornerFit, grid: Array, axes: Array) -> bool:
+    moved = np.linalg.norm(fit.pixels - grid.reshape(-1, 2), axis=1)
+    side = np.linalg.norm(axes.reshape(-1, 2, 2), axis=2).min(axis=1)
+    # A corner that ran a third of a square away went to another edge.
+    return bool(np.all(_good(fit)) and np.all(moved < np.maximum(1.5, 0.33 * side)))
+
+
+def _colour_signs(fit: CornerFit, shape: tuple[int, ...]) -> int:
+    """+1 where the square at the top left of the grid's first corner is black, -1 white, 0 where colours mingle."""
+    checker = 1 - 2 * (np.add.outer(np.arange(shape[0]), np.arange(shape[1])) % 2)
+    signs = np.sign(fit.contrast).reshape(shape) * checker
+    return int(signs[0, 0]) if np.all(signs == signs[0, 0]) else 0
+
+
+def _readings(marking: ChessboardMarking, pixels: Array, sign: int) -> list[Array]:
+    """For each reading, the board's point index of every corner in the grid's order; the most upright first."""
+    rows, columns = pixels.shape[:2]
+    index = np.arange(rows * columns).reshape(rows, columns)
+    turned, uprightness = [], []
+    along, down = np.mean(pixels[:, -1] - pixels[:, 0], axis=0), np.mean(pixels[-1] - pixels[0], axis=0)
+    for quarter, right in enumerate((along, down, -along, -down)):
+        # A quarter turn of the reading swaps the diagonals of every corner, and may change whose corner is first.
+        if quarter % 2 and rows != columns:
+            continue
+        swaps = (quarter % 2 == 1) ^ bool(_first_parity(rows, columns, quarter))
+        if (sign < 0) == swaps:
+            turned.append(np.rot90(index, -quarter))
+            uprightness.append(right[0] / np.linalg.norm(right))
+    if not turned:
+        # No turn shows a black top left square: the board is the mirrored print; its points are where they are.
+        turned, uprightness = [index, np.rot90(index, 2)], [along[0], -along[0]]
+    return [turned[k].ravel() for k in np.argsort(uprightness)[::-1]]
+
+
+def _first_parity(rows: int, columns: int, quarter: int) -> int:
+    """Parity of the grid place that a reading turned by quarters takes for its first corner."""
+    first = np.argwhere(np.rot90(np.arange(rows * columns).reshape(rows, columns), -quarter) == 0)[0]
+    return int(first.sum() % 2)
+
+
+# --------------------------------------------------------------------------------------------------- ChArUco boards
+
+
+def detect_charuco(grey: Array, rectangle: Rectangle, found: dict[int, list[Array]]) -> View | None:
+    """The View of a ChArUco board from the rough corners of the tags found, by id, or None.
+
+    grey: light squares lighter than dark ones; an inverted board is given on the inverted image. At least four
+    inner corners that are not in one line make a View.
+    """
+    marking = rectangle.marking
+    assert isinstance(marking, CharucoMarking)
+    tags, pixels = _tag_corners(marking, found)
+    if not len(tags):
+        return None
+    tags, pixels = _agreeing(tags, pixels)
+    if not len(tags):
+        return None
+    points = board_points(marking.columns, marking.rows, marking.square)[:, :2]
+    places, axes, trusted = _predict(points, tags.reshape(-1, 2), pixels.reshape(-1, 2), marking, grey.shape)
+    pixels_found, sigma, good = _fit_charuco(grey, marking, places, axes, trusted)
+    if np.count_nonzero(good) >= 4:
+        more, axes, near = _predict(points, points[good], pixels_found[good], marking, grey.shape)
+        near &= ~good
+        if near.any():
+            again, sigma_again, good_again = _fit_charuco(grey, marking, more, axes, near)
+            pixels_found[good_again], sigma[good_again] = again[good_again], sigma_again[good_again]
+            good |= good_again
+    good &= _smooth(points, pixels_found, good, marking.square)
+    if np.count_nonzero(good) < 4 or np.linalg.matrix_rank(points[good] - points[good][0], tol=1e-9) < 2:
+        return None
+    flat = np.concatenate([points, np.zeros((len(points), 1))], axis=1)
+    return View(rectangle.name, flat[good], pixels_found[good], sigma=_view_sigma(sigma[good]))
+
+
+def _view_sigma(sigma: Array) -> float:
+    return float(np.hypot(np.sqrt(np.mean(sigma**2)), _MODEL_SIGMA))
+
+
+def _tag_corners(marking: CharucoMarking, found: dict[int, list[Array]]) -> tuple[Array, Array]:
+    """Corners (N, 4, 2) of the board's tags that were seen: on the board (m), and in the image (px)."""
+    half = marking.marker / 2
+    square = np.array([[-half, -half], [half, -half], [half, half], [-half, half]])
+    tags, pixels = [], []
+    for offset, (column, row) in enumerate(charuco_tag_squares(marking)):
+        middle = np.array([column + 0.5 - marking.columns / 2, row + 0.5 - marking.rows / 2]) * marking.square
+        for quad in found.get(marking.first_id + offset, []):
+            tags.append(middle + square)
+            pixels.append(quad)
+    return np.array(tags).reshape(-1, 4, 2), np.array(pixels).reshape(-1, 4, 2)
+
+
+def _agreeing(tags: Array, pixels: Array) -> tuple[Array, Array]:
+    """The tags that lie on one board together; a distorted lens bends it by some per cent of its size."""
+    if len(tags) < 2:
+        return tags, pixels
+    side = np.linalg.norm(np.roll(pixels, -1, axis=1) - pixels, axis=2).mean()
+    cv2.setRNGSeed(1)
+    homography, _ = cv2.findHomography(
+        tags.reshape(-1, 2) * 1e3, pixels.reshape(-1, 2), cv2.RANSAC, float(max(3.0, 0.35 * side))
+    )
+    if homography is None:
+        return tags[:0], pixels[:0]
+    predicted = cv2.perspectiveTransform(tags.reshape(-1, 1, 2) * 1e3, homography).reshape(-1, 4, 2)
+    near = np.linalg.norm(predicted - pixels, axis=2).max(axis=1) < max(4.0, 0.5 * side)
+    return tags[near], pixels[near]
+
+
+def _predict(points: Array, known: Array, pixels: Array, marking: CharucoMarking, shape) -> tuple[Array, Array, Array]:
+    """Where board points (P, 2) should appear, by the homography of the known points nearest to each.
+
+    Returns places (P, 2) px, axes (P, 2, 2) px of one square's sides, and which places are near known points.
+    """
+    places = np.full((len(points), 2), -1e3)
+    axes = np.tile(np.eye(2), (len(points), 1, 1))
+    trusted = np.zeros(len(points), bool)
+    square = marking.square
+    whole, _ = cv2.findHomography(known / square, pixels)
+    if whole is None:
+        return places, axes, trusted
+    for k, point in enumerate(points):
+        distance = np.max(np.abs(known - point), axis=1)
+        near = np.argsort(distance, kind="stable")[:8]
+        homography = whole
+        if distance[near[-1]] < 2.5 * square:
+            local, _ = cv2.findHomography((known[near] - point) / square, pixels[near])
+            if local is not None:
+                homography = local @ np.array([[1, 0, -point[0] / square], [0, 1, -point[1] / square], [0, 0, 1]])
+        around = point / square + np.array([[0, 0], [0.25, 0], [-0.25, 0], [0, 0.25], [0, -0.25]])
+        seen = cv2.perspectiveTransform(around[:, None], homography)[:, 0]
+        places[k] = seen[0]
+        axes[k] = [2 * (seen[1] - seen[2]), 2 * (seen[3] - seen[4])]
+        trusted[k] = distance[near[0]] < 1.5 * square
+    inside = (places > 2).all(axis=1) & (places < np.array(shape[::-1]) - 3).all(axis=1)
+    return places, axes, trusted & inside & (np.linalg.det(axes) > 4)
+
+
+def _fit_charuco(grey: Array, marking: CharucoMarking, places: Array, axes: Array, wanted: Array):
+    """Corners (P, 2), sigma (P,) and which (P,) of the wanted ones are sure."""
+    pixels, sigma, good = places.copy(), np.full(len(places), np.inf), np.zeros(len(places), bool)
+    index = np.flatnonzero(wanted)
+    if not len(index):
+        return pixels, sigma, good
+    clear = (1 - marking.marker / marking.square) / 2
+    here = places[index]
+    for _ in range(2):
+        fit = fit_corners(grey, here, axes[index], _window(axes[index]), clear)
+        shift = fit.pixels - here
+        here = here + shift * np.minimum(1, 4 / np.maximum(np.linalg.norm(shift, axis=1), 1e-9))[:, None]
+    side = np.linalg.norm(axes[index], axis=2).min(axis=1)
+    moved = np.linalg.norm(fit.pixels - places[index], axis=1)
+    sure = _good(fit) & (moved < np.maximum(1.5, 0.2 * side))
+    sure &= np.sign(fit.contrast) == _expected_signs(marking)[index]
+    pixels[index], sigma[index], good[index] = fit.pixels, fit.sigma, sure
+    return pixels, sigma, good
+
+
+def _expected_signs(marking: CharucoMarking) -> Array:
+    rows, columns = np.meshgrid(np.arange(marking.rows - 1), np.arange(marking.columns - 1), indexing="ij")
+    black_first = -1 if starts_with_tag(marking) else 1
+    return (black_first * (1 - 2 * ((rows + columns) % 2))).ravel()
+
+
+def _smooth(points: Array, pixels: Array, good: Array, square: float) -> Array:
+    """Which corners agree with the homography of their neighbours: a corner on a wrong edge does not."""
+    keep = good.copy()
+    index = np.flatnonzero(good)
+    if len(index) < 6:
+        return keep
+    for k in index:
+        others = index[index != k]
+        near = others[np.argsort(np.linalg.norm(points[others] - points[k], axis=1), kind="stable")[:8]]
+        spread = (points[near] - points[k]) / square
+        if np.linalg.matrix_rank(spread - spread[0], tol=1e-6) < 2:
+            continue
+        local, _ = cv2.findHomography(spread, pixels[near])
+        if local is None:
+            continue
+        side = np.sqrt(abs(np.linalg.det(local[:2, :2] / local[2, 2])))
+        error = np.linalg.norm(local[:2, 2] / local[2, 2] - pixels[k])
+        # Extrapolating by a square through a strongly distorted lens misses by some per cent of a square.
+        keep[k] = error < max(1.0, 0.12 * side)
+    return keep
+
+
+def check_board_rectangle(rectangle: Rectangle) -> str:
+    """The canonical name of a ChArUco board's dictionary. Raises QuadrigError where it has too few tags."""
+    marking = rectangle.marking
+    assert isinstance(marking, CharucoMarking)
+    name = canonical_dictionary(marking.dictionary)
+    for tag_id in (marking.first_id, marking.first_id + len(charuco_tag_squares(marking)) - 1):
+        check_tag_id(name, tag_id, f"rectangle {rectangle.name!r}")
+    return name

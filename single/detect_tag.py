@@ -1,0 +1,134 @@
+"""Tags: which squares of a dictionary are in an image, and their corners to sub-pixel accuracy."""
+
+from collections.abc import Sequence
+from functools import lru_cache
+
+import cv2
+import numpy as np
+
+from .dictionaries import canonical_dictionary, check_tag_id, tag_dictionary
+from .rectangle import Rectangle, TagMarking
+from .rotation import Array
+from .subpixel import fit_outline
+from .view import View
+
+# OpenCV's order is top left, top right, bottom right, bottom left; Eq. 4's begins at the bottom right.
+_EQ4_FROM_OPENCV = [2, 3, 0, 1]
+# px that the fit may move a corner from where the outline's polygon put it, beside a tenth of the side: contours
+# run through pixel centres and are up to a pixel off, more where blur is strong.
+_FARTHEST = 2.5
+# Share of the border and quiet-zone cells that may look wrong before a tag is taken to be partly hidden.
+_WRONG_CELLS = 0.08
+# Grey levels between ink and paper below which nothing sure can be said.
+_LEAST_CONTRAST = 12.0
+# px that the model of a straight blurred edge is wrong by on real lenses, added to what noise explains.
+_MODEL_SIGMA = 0.02
+
+
+@lru_cache(maxsize=16)
+def _detector(dictionary: str) -> cv2.aruco.ArucoDetector:
+    parameters = cv2.aruco.DetectorParameters()
+    parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_NONE
+    # The smallest tag looked for: a side of 12 px in a picture 1280 wide; smaller ones cannot be told from texture.
+    parameters.minMarkerPerimeterRate = 0.03
+    return cv2.aruco.ArucoDetector(tag_dictionary(dictionary), parameters)
+
+
+def find_tags(grey: Array, dictionary: str) -> dict[int, list[Array]]:
+    """Rough corners (4, 2) px, top left first and clockwise on the printed tag, of every tag seen, by id."""
+    corners, ids, _ = _detector(dictionary).detectMarkers(grey)
+    found: dict[int, list[Array]] = {}
+    if ids is not None:
+        for tag_id, quad in zip(np.ravel(ids), corners, strict=True):
+            found.setdefault(int(tag_id), []).append(np.asarray(quad, float).reshape(4, 2))
+    return found
+
+
+def detect_tags(grey: Array, rectangles: Sequence[Rectangle], found: dict[int, list[Array]]) -> list[View]:
+    """Views of the tag rectangles, all of one dictionary, whose rough corners are among those found.
+
+    A tag that is seen twice in one image is not used: nobody can tell which of the two is meant.
+    """
+    seen: list[tuple[Rectangle, Array]] = []
+    for rectangle in rectangles:
+        assert isinstance(rectangle.marking, TagMarking)
+        quads = found.get(rectangle.marking.id, [])
+        if len(quads) == 1:
+            seen.append((rectangle, quads[0]))
+    if not seen:
+        return []
+    marking = seen[0][0].marking
+    assert isinstance(marking, TagMarking)
+    cells = tag_dictionary(marking.dictionary).markerSize + 2
+    rough = np.stack([quad for _, quad in seen])
+    corners, sigma, sure = refine_tags(grey, rough, cells)
+    return [
+        View(rectangle.name, rectangle.corners, quad[_EQ4_FROM_OPENCV], sigma=float(s))
+        for (rectangle, _), quad, s, good in zip(seen, corners, sigma, sure, strict=True)
+        if good
+    ]
+
+
+def refine_tags(grey: Array, rough: Array, cells: int) -> tuple[Array, Array, Array]:
+    """Corners (N, 4, 2) from rough ones, sigma (N,) px, and which (N,) are to be trusted.
+
+    cells: along a side of the tag, its black border included.
+    """
+    corners = rough
+    for _ in range(2):
+        corners, sigma, fit = fit_outline(grey, corners, _reach(corners, cells))
+    side = np.linalg.norm(np.roll(rough, -1, axis=1) - rough, axis=2).min(axis=1)
+    moved = np.linalg.norm(corners - rough, axis=2).max(axis=1)
+    contrast = fit.contrast.reshape(-1, 4)
+    sure = np.isfinite(corners).all(axis=(1, 2)) & (moved < _FARTHEST + 0.1 * side)
+    sure &= contrast.min(axis=1) > _LEAST_CONTRAST
+    sure &= contrast.max(axis=1) < 4 * np.maximum(contrast.min(axis=1), 1)
+    for index in np.flatnonzero(sure):
+        sure[index] = _looks_whole(grey, corners[index], cells)
+    return corners, np.hypot(np.sqrt(np.mean(sigma**2, axis=1)), _MODEL_SIGMA), sure
+
+
+def _reach(corners: Array, cells: int) -> Array:
+    """px across each side (N, 4) that hold its edge alone: four fifths of a cell, at most 4 px."""
+    end = np.roll(corners, -1, axis=1)
+    along = end - corners
+    length = np.linalg.norm(along, axis=2)
+    depth = []
+    for k in (2, 3):
+        other = np.roll(corners, -k, axis=1) - corners
+        depth.append(np.abs(along[..., 0] * other[..., 1] - along[..., 1] * other[..., 0]) / length)
+    return np.clip(0.8 * np.minimum(*depth) / cells, 1.0, 4.0)
+
+
+def _looks_whole(grey: Array, corners: Array, cells: int) -> bool:
+    """Whether the black border and the white ring around it are there, all the way: a hidden corner is not."""
+    unit = np.array([[0, 0], [cells, 0], [cells, cells], [0, cells]], np.float32)
+    image_from_cell = cv2.getPerspectiveTransform(unit, corners.astype(np.float32))
+    along = np.arange(cells) + 0.5
+    black = _ring(along, 0.5, cells - 0.5)
+    # A third of a cell beside the edge: paper is often cut close to the tag.
+    white = _ring(along, -0.35, cells + 0.35)
+    values = []
+    for ring in (black, white):
+        places = np.rint(cv2.perspectiveTransform(ring[None].astype(np.float32), image_from_cell)[0]).astype(int)
+        inside = ((places >= 0) & (places < np.array(grey.shape[::-1]))).all(axis=1)
+        values.append(grey[places[inside, 1], places[inside, 0]].astype(float))
+    if min(len(v) for v in values) < 2 * cells:
+        return False
+    threshold = (np.median(values[0]) + np.median(values[1])) / 2
+    wrong = np.count_nonzero(values[0] > threshold) + np.count_nonzero(values[1] < threshold)
+    return wrong <= _WRONG_CELLS * (len(values[0]) + len(values[1]))
+
+
+def _ring(along: Array, low: float, high: float) -> Array:
+    same = np.ones_like(along)
+    sides = [(along, low * same), (high * same, along), (along, high * same), (low * same, along)]
+    return np.concatenate([np.stack(side, axis=1) for side in sides])
+
+
+def check_tag_rectangle(rectangle: Rectangle) -> str:
+    """The canonical name of the rectangle's dictionary. Raises QuadrigError where it or the tag does not exist."""
+    assert isinstance(rectangle.marking, TagMarking)
+    name = canonical_dictionary(rectangle.marking.dictionary)
+    check_tag_id(name, rectangle.marking.id, f"rectangle {rectangle.name!r}")
+    return name
