@@ -44,6 +44,10 @@ class Framesets:
     def __len__(self) -> int:
         return len(self.times)
 
+    def sizes(self) -> Array:
+        """How many cameras each frameset has (S,)."""
+        return np.count_nonzero(self.frames != NO_FRAME, axis=1)
+
     def of_camera(self, camera: str) -> tuple[Array, Array]:
         """Indices of the framesets that have an image of this camera, and of those images, by rising image."""
         column = self.frames[:, self.cameras.index(camera)]
@@ -52,19 +56,21 @@ class Framesets:
         return framesets[order], column[framesets[order]]
 
 
-def build_framesets(recording: Recording, tolerance: float | None = None) -> Framesets:
+def build_framesets(recording: Recording, tolerance: float | None = None, quick: bool = False) -> Framesets:
     """Group the images of a recording by nearest time stamps.
 
     tolerance: s; without it half the usual interval of the camera that sets the time (see match_stamps).
+    quick: by the times of recording, for a first look that does not touch the images.
     Raises QuadrigError where the tolerance is not a length of time.
     """
     if tolerance is not None and not (np.isfinite(tolerance) and tolerance >= 0):
         raise QuadrigError(f"tolerance of framesets is {tolerance} s; give zero or more seconds")
-    stamps = [camera.stamps for camera in recording.cameras]
+    cameras = recording.cameras
+    stamps = [camera.source.quick_stamps() if quick else camera.stamps for camera in cameras]
     limit = _own_tolerance(stamps) if tolerance is None else round(tolerance * 1e9)
     times, frames = match_stamps(stamps, limit)
-    names = tuple(camera.name for camera in recording.cameras)
     shared = np.count_nonzero(frames != NO_FRAME, axis=1) > 1
+    names = tuple(camera.name for camera in cameras)
     report = []
     for column, name in enumerate(names):
         used = shared & (frames[:, column] != NO_FRAME)

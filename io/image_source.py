@@ -33,6 +33,10 @@ class ImageSource(Protocol):
         """Time of each image (N,) int64 ns: the message's own stamp, else the time of its recording."""
         ...
 
+    def quick_stamps(self) -> Array:
+        """As stamps, but of what needs no reading of the images: the time of recording may have to do."""
+        ...
+
     def part(self, indices: Array) -> "ImageSource":
         """The images of these rising indices alone."""
         ...
@@ -107,6 +111,14 @@ class McapMessages:
         """Time of each message (N,) int64 ns: its own stamp, or its log time where that is unset."""
         return np.array([self._stamp(index) for index in range(len(self))], np.int64)
 
+    def quick_stamps(self) -> Array:
+        """Log time of each message (N,) int64 ns."""
+        log_times = np.zeros(len(self), np.int64)
+        for k, topic in enumerate(self.topics):
+            here = self.files == k
+            log_times[here] = topic.log_times[self.messages[here]]
+        return log_times
+
     def _stamp(self, index: int) -> int:
         stamp = read_stamp(self.message_encoding, self.schema, self.data(index, STAMP_BYTES))
         if stamp is None:
@@ -127,6 +139,10 @@ class McapImages:
     def stamps(self) -> Array:
         """As ImageSource has it."""
         return self.messages.stamps()
+
+    def quick_stamps(self) -> Array:
+        """As ImageSource has it."""
+        return self.messages.quick_stamps()
 
     def part(self, indices: Array) -> "McapImages":
         """As ImageSource has it."""

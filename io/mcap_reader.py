@@ -17,7 +17,7 @@ from typing import BinaryIO
 import numpy as np
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
-from mcap.records import Channel, ChunkIndex, Footer, Schema, Statistics
+from mcap.records import Channel, Footer, Schema, Statistics
 
 from quadrig.single.errors import QuadrigError
 from quadrig.single.rotation import Array
@@ -26,6 +26,8 @@ MAGIC = b"\x89MCAP0\r\n"
 _RECORD_HEADER = struct.Struct("<BQ")
 _MESSAGE_HEADER = struct.Struct("<HIQQ")
 _CHUNK_HEADER = struct.Struct("<QQQII")
+_CHUNK_INDEX = struct.Struct("<QQQQI")
+_INDEX_ENTRY_BYTES = 16
 _FOOTER_BYTES = _RECORD_HEADER.size + 20
 # Decompressed chunks kept at hand: messages of interleaved topics are read nearly in file order, so two suffice.
 _KEPT_CHUNKS = 2
@@ -135,7 +137,8 @@ class _Scan:
         self.path, self.stream, self.size = path, stream, size
         self.schemas: dict[int, Schema] = {}
         self.channels: dict[int, Channel] = {}
-        self.places: dict[int, list[Array]] = {}
+        # By channel: a chunk's file offset, and its index entries (log time, offset; <u8 each) for that channel.
+        self.entries: dict[int, list[tuple[int, bytes]]] = {}
         self.loose: dict[int, list[tuple[int, int, int]]] = {}
         self.note = ""
 
@@ -143,21 +146,22 @@ class _Scan:
         """Take everything from the summary; False where it is missing, broken or has no message index."""
         try:
             records = list(self._summary_records())
-            chunks = [ChunkIndex.read(_stream(data)) for op, data in records if op == Opcode.CHUNK_INDEX]
+            chunks = [_read_chunk_index(data) for op, data in records if op == Opcode.CHUNK_INDEX]
             counts = [Statistics.read(_stream(data)) for op, data in records if op == Opcode.STATISTICS]
             for op, data in records:
                 self._definition(op, data)
-            if not chunks or not all(chunk.message_index_offsets or _has_no_messages(chunk) for chunk in chunks):
-                return False
-            for chunk in chunks:
-                self._read_message_indexes(chunk)
+            for start, behind, length in chunks:
+                self.stream.seek(behind)
+                for op, data in _records(self.stream.read(length)):
+                    if op == Opcode.MESSAGE_INDEX:
+                        self._message_index(data, start)
         except (struct.error, EOFError, IndexError, ValueError, OSError):
-            self.places.clear()
+            self.entries.clear()
             return False
-        found = sum(len(part) for parts in self.places.values() for part in parts)
-        complete = not counts or counts[0].message_count == found
-        if not complete or not set(self.places) <= set(self.channels):
-            self.places.clear()
+        found = sum(len(data) for parts in self.entries.values() for _, data in parts) // _INDEX_ENTRY_BYTES
+        # Without chunks there is no index of messages; without statistics nobody knows that the index is whole.
+        if not chunks or counts[0].message_count != found or not set(self.entries) <= set(self.channels):
+            self.entries.clear()
             return False
         return True
 
@@ -194,7 +198,7 @@ class _Scan:
         for channel in self.channels.values():
             schema = self.schemas.get(channel.schema_id)
             key = (channel.topic, channel.message_encoding, schema.name if schema else "")
-            parts.setdefault(key, []).extend(self.places.get(channel.id, []))
+            parts.setdefault(key, []).append(_places(self.entries.get(channel.id, [])))
             loose = self.loose.get(channel.id, [])
             parts[key].append(np.array(loose, np.int64).reshape(-1, 3))
         topics = []
@@ -224,19 +228,11 @@ class _Scan:
             channel = Channel.read(_stream(data))
             self.channels[channel.id] = channel
 
-    def _read_message_indexes(self, chunk: ChunkIndex) -> None:
-        self.stream.seek(chunk.chunk_start_offset + chunk.chunk_length)
-        for op, data in _records(self.stream.read(chunk.message_index_length)):
-            if op == Opcode.MESSAGE_INDEX:
-                self._message_index(data, chunk.chunk_start_offset)
-
     def _message_index(self, data: bytes, chunk: int) -> int:
         """Take in one MessageIndex record of a chunk; the channel's id."""
         channel, length = struct.unpack_from("<HI", data)
-        entries = np.frombuffer(data, "<u8", length // 8, 6).reshape(-1, 2).astype(np.int64)
-        if len(entries):
-            where = np.full(len(entries), chunk, np.int64)
-            self.places.setdefault(channel, []).append(np.column_stack([entries[:, 0], where, entries[:, 1]]))
+        if length:
+            self.entries.setdefault(channel, []).append((chunk, data[6 : 6 + length]))
         return channel
 
     def _message(self, header: bytes, chunk: int, offset: int) -> None:
@@ -278,8 +274,8 @@ class _Scan:
             data = self.stream.read(length)
             if len(data) < length:
                 # The rest of the index is lost, but the chunk is whole: its own records say what is in it.
-                for parts in self.places.values():
-                    parts[:] = [part for part in parts if not (len(part) and part[0, 1] == chunk)]
+                for parts in self.entries.values():
+                    parts[:] = [part for part in parts if part[0] != chunk]
                 return end, set()
             channels.add(self._message_index(data, chunk))
             end += _RECORD_HEADER.size + length
@@ -291,8 +287,19 @@ class _Scan:
         self.note = f"{self.note}; {sentence}" if self.note else sentence
 
 
-def _has_no_messages(chunk: ChunkIndex) -> bool:
-    return chunk.message_start_time == 0 and chunk.message_end_time == 0
+def _read_chunk_index(data: bytes) -> tuple[int, int, int]:
+    """Where the chunk begins, where the message indexes behind it begin, and their length."""
+    _, _, start, length, offsets = _CHUNK_INDEX.unpack_from(data)
+    (index_length,) = struct.unpack_from("<Q", data, _CHUNK_INDEX.size + offsets)
+    return start, start + length, index_length
+
+
+def _places(entries: list[tuple[int, bytes]]) -> Array:
+    """Log time, chunk and offset (N, 3) int64 of the messages of these index entries."""
+    flat = np.frombuffer(b"".join(data for _, data in entries), "<u8").reshape(-1, 2).astype(np.int64)
+    counts = [len(data) // _INDEX_ENTRY_BYTES for _, data in entries]
+    chunks = np.repeat(np.array([chunk for chunk, _ in entries], np.int64), counts)
+    return np.column_stack([flat[:, 0], chunks, flat[:, 1]])
 
 
 def _stream(data: bytes) -> ReadDataStream:

@@ -59,6 +59,10 @@ class VideoFile:
         """As ImageSource has it, from the start of the video."""
         return np.round(self.times * (self.time_base * 1e9)).astype(np.int64)
 
+    def quick_stamps(self) -> Array:
+        """As ImageSource has it."""
+        return self.stamps()
+
     def part(self, indices: Array) -> "VideoFile":
         """As ImageSource has it."""
         # Where to begin is found by time, so the part needs no key frames of its own.
@@ -110,6 +114,11 @@ class McapVideo:
     def stamps(self) -> Array:
         """As ImageSource has it."""
         stamps = self.messages.stamps()
+        return stamps if self.wanted is None else stamps[self.wanted]
+
+    def quick_stamps(self) -> Array:
+        """As ImageSource has it."""
+        stamps = self.messages.quick_stamps()
         return stamps if self.wanted is None else stamps[self.wanted]
 
     def part(self, indices: Array) -> "McapVideo":

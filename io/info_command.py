@@ -1,0 +1,117 @@
+"""`rig info`: what a recording holds, which topics are cameras, what would be used."""
+
+import json
+import sys
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from .framesets import CameraReport, Framesets, build_framesets
+from .recording import RecordedCamera, Recording, open_recording
+
+
+def info(
+    recording: Annotated[list[Path], typer.Argument(help="MCAP files, videos or folders.", metavar="RECORDING...")],
+    tolerance: Annotated[float | None, typer.Option(help="Most that stamps of one instant differ, seconds.")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="For programs.")] = False,
+) -> None:
+    """Say what is in a recording, which topics are cameras and what would be used.
+
+    Images are grouped by the time of their recording here, which is quick; calibrate goes by their own stamps.
+
+    Example: rig info room.mcap
+    """
+    opened = open_recording(recording)
+    framesets = build_framesets(opened, tolerance, quick=True)
+    if as_json:
+        print(json.dumps(_as_json(opened, framesets), indent=2))
+        return
+    _print(opened, framesets)
+
+
+def _as_json(recording: Recording, framesets: Framesets) -> dict[str, Any]:
+    reports = {report.camera: report for report in framesets.report}
+    return {
+        "paths": [str(path) for path in recording.paths],
+        "indexed": recording.indexed,
+        "seconds": _seconds(framesets),
+        "cameras": {camera.name: _camera_json(camera, reports[camera.name]) for camera in recording.cameras},
+        "framesets": {
+            "count": len(framesets),
+            "tolerance_s": framesets.tolerance,
+            "shared": int(sum(framesets.sizes() > 1)),
+            "complete": int(sum(framesets.sizes() == len(framesets.cameras))),
+        },
+        "other_topics": [
+            {"topic": topic, "schema": schema, "messages": count} for topic, schema, count in recording.other_topics
+        ],
+        "notes": list(recording.notes),
+    }
+
+
+def _camera_json(camera: RecordedCamera, report: CameraReport) -> dict[str, Any]:
+    prior = camera.prior
+    return {
+        "topic": camera.topic,
+        "encoding": camera.encoding,
+        "width": camera.width,
+        "height": camera.height,
+        "frames": camera.frames,
+        "rate_hz": _rate(camera),
+        "used": report.used,
+        "dropped": report.dropped,
+        "median_offset_s": None if report.used == 0 else report.offset,
+        "prior_focal_px": None if prior is None else prior.focal,
+    }
+
+
+def _print(recording: Recording, framesets: Framesets) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(box=None, pad_edge=False)
+    table.add_column("camera", no_wrap=True)
+    for heading in ("images", "Hz", "used", "dropped", "offset ms", "size"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    for heading in ("stored as", "lens given"):
+        table.add_column(heading, no_wrap=True)
+    table.add_column("from", overflow="fold")
+    for camera, report in zip(recording.cameras, framesets.report, strict=True):
+        rate = _rate(camera)
+        table.add_row(
+            camera.name,
+            str(camera.frames),
+            "" if rate is None else f"{rate:.2f}",
+            str(report.used),
+            str(report.dropped),
+            "" if report.used == 0 else f"{1e3 * report.offset:.1f}",
+            f"{camera.width}x{camera.height}",
+            camera.encoding,
+            "no" if camera.prior is None else f"f {camera.prior.focal:.1f} px",
+            camera.topic,
+        )
+    # In a file or a pipe lines are as long as they are.
+    console = Console(width=None if sys.stdout.isatty() else 250)
+    console.print(table)
+    sizes, whole = framesets.sizes(), len(framesets.cameras)
+    print(
+        f"{len(framesets)} framesets over {_seconds(framesets):.1f} s, "
+        f"{sum(sizes == whole)} with all {whole} cameras, {sum(sizes > 1)} with more than one; "
+        f"stamps within {1e3 * framesets.tolerance:.1f} ms"
+    )
+    for topic, schema, count in recording.other_topics:
+        print(f"not used: {topic} ({schema}, {count} messages)")
+    for note in recording.notes:
+        print(f"note: {note}")
+
+
+def _rate(camera: RecordedCamera) -> float | None:
+    """Images a second; None where their times say nothing."""
+    stamps = camera.source.quick_stamps()
+    span = (int(stamps.max()) - int(stamps.min())) / 1e9 if len(stamps) else 0.0
+    return (len(stamps) - 1) / span if span > 0 else None
+
+
+def _seconds(framesets: Framesets) -> float:
+    return float(framesets.times[-1] - framesets.times[0]) / 1e9 if len(framesets) else 0.0
