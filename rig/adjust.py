@@ -87,7 +87,7 @@ def adjust(
     unknowns = freedom.unknowns(columns)
     current = linearise(observations, state, columns, noise, robust)
     cost = current.cost + _prior_cost(state, freedom)
-    normal = _with_prior(normal_equations(observations, tables, state, current.gram), state, freedom, columns)
+    normal = with_prior(normal_equations(observations, tables, state, current.gram), state, freedom, columns)
     costs, damping = [cost], _FIRST_DAMPING
     while len(costs) <= most_steps:
         found = _better(observations, tables, state, freedom, unknowns, normal, cost, damping, noise, robust)
@@ -96,7 +96,7 @@ def adjust(
         state, current, expected, damping = found
         cost = current.cost + _prior_cost(state, freedom)
         costs.append(cost)
-        normal = _with_prior(normal_equations(observations, tables, state, current.gram), state, freedom, columns)
+        normal = with_prior(normal_equations(observations, tables, state, current.gram), state, freedom, columns)
         if expected < _CONVERGED:
             break
     return Adjustment(state, tuple(costs), current, normal, tables, columns)
@@ -146,7 +146,8 @@ def _prior_cost(state: State, freedom: Freedom) -> float:
     return float((freedom.prior_information * freedom.lens * (state.lens - freedom.prior_mean) ** 2).sum())
 
 
-def _with_prior(normal: Normal, state: State, freedom: Freedom, columns: Array) -> Normal:
+def with_prior(normal: Normal, state: State, freedom: Freedom, columns: Array) -> Normal:
+    """The normal equations with the priors of the lens parameters added."""
     information = (freedom.prior_information * freedom.lens)[:, columns]
     cameras, gradient = normal.cameras.copy(), normal.camera_gradient.copy()
     place = np.arange(len(columns))

@@ -1,4 +1,4 @@
-"""Solve the normal equations: rectangle poses eliminated in 6x6 batches, cameras dense or banded, poses back again."""
+"""Solve the normal equations: rectangle poses eliminated in 6x6 batches, cameras dense or banded."""
 
 from dataclasses import dataclass
 
@@ -99,7 +99,7 @@ def _solve_dense(reduced: Reduced, right: Array) -> Array:
 
 
 def _band(reduced: Reduced) -> tuple[Array, int] | None:
-    """An order of the cameras that keeps who meets whom near the diagonal, and its width; None where dense is as good."""
+    """An order of cameras that keeps who meets whom near the diagonal, and its width; None where dense is as good."""
     cameras, size = reduced.free.shape
     if cameras * size < _SMALL_SYSTEM:
         return None

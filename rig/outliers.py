@@ -1,0 +1,58 @@
+"""Which corners and Views do not belong: judged against the noise that the data itself shows."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from quadrig.single.rotation import Array
+
+from .observations import Observations
+
+# A Gaussian corner strays past 5 sigma (in two dimensions) once in 270,000: losing it costs nothing, and what
+# strays further is a fault.
+_FAR = 25.0
+# A View of which this share of the corners is off is wrong as a whole (its id, its order, its instant).
+_WHOLE_VIEW = 0.5
+# Corner noise that a detector is known for, px, and the weight of that knowledge in degrees of freedom: it matters
+# only where the data has few of its own.
+_USUAL_NOISE, _USUAL_WEIGHT = 0.3, 4.0
+
+
+@dataclass(frozen=True, eq=False)
+class Judged:
+    """weights: for each group (V, P), zero where a corner is out. rejected (views,) bool: Views out as a whole."""
+
+    weights: tuple[Array, ...]
+    rejected: Array
+
+
+def judge(observations: Observations, squares: tuple[Array, ...], noise: float) -> Judged:
+    """Sort corners into those within 5 sigma and those that are not, from squared residuals (px^2)."""
+    rejected = np.zeros(len(observations.camera), bool)
+    weights = []
+    for group, square in zip(observations.groups, squares, strict=True):
+        carries = group.weights > 0
+        far = carries & ~(square * group.weights < _FAR * noise**2)
+        share = far.sum(axis=1) / np.maximum(carries.sum(axis=1), 1)
+        # Three corners cannot place a rectangle twice over: a View needs four that agree, or half of a board's.
+        whole = share >= _WHOLE_VIEW
+        rejected[group.view] = whole
+        weights.append(np.where(far | whole[:, None], 0.0, group.weights))
+    return Judged(tuple(weights), rejected)
+
+
+def noise_of(chi_square: float, freedom: float) -> float:
+    """Sigma (px) of a coordinate, from a sum of weighted squares (px^2) of so many degrees of freedom."""
+    total = chi_square + _USUAL_WEIGHT * _USUAL_NOISE**2
+    return float(np.sqrt(total / (max(freedom, 0.0) + _USUAL_WEIGHT)))
+
+
+def robust_noise(observations: Observations, squares: tuple[Array, ...]) -> float:
+    """Sigma (px) of a coordinate from the median squared residual, which outliers do not move."""
+    values = [
+        (square * group.weights)[(group.weights > 0) & np.isfinite(square)]
+        for group, square in zip(observations.groups, squares, strict=True)
+    ]
+    every = np.concatenate(values) if values else np.zeros(0)
+    # The median of a squared length of two unit Gaussians is 2 ln 2.
+    return float(np.sqrt(np.median(every) / (2 * np.log(2)))) if len(every) else _USUAL_NOISE

@@ -1,0 +1,118 @@
+"""Views, cameras and rectangles by number: sorted by name, so that no result depends on the order they came in."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from quadrig.single.errors import QuadrigError
+from quadrig.single.rectangle import Rectangle
+from quadrig.single.rotation import Array
+from quadrig.single.view import View
+
+from .inputs import CameraInput
+from .observations import Observations, pack
+
+# Four points carry a homography; fewer cannot place a plane.
+_FEWEST_POINTS = 4
+
+
+@dataclass(frozen=True, eq=False)
+class Node:
+    """One pose to be found of a rectangle: a static one, a moving one at a frameset, or the surveyed world.
+
+    rectangle: its name, or "" for the world that all surveyed rectangles share. frameset: -1 where static.
+    """
+
+    rectangle: str
+    frameset: int = -1
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """What is to be solved. camera, node (V,): of each View; points: each View's readings in its node's frame."""
+
+    cameras: tuple[CameraInput, ...]
+    rectangles: dict[str, Rectangle]
+    views: tuple[View, ...]
+    nodes: tuple[Node, ...]
+    camera: Array
+    node: Array
+
+    def points(self, view: int, reading: int = 0) -> Array:
+        """Points (P, 3) of a View's reading in the frame of its node: the rectangle's own, or the world's."""
+        rectangle = self.rectangles[self.views[view].rectangle]
+        points = self.views[view].readings[reading]
+        return points if rectangle.world_from_rect is None else rectangle.world_from_rect.transform(points)
+
+    def observations(self, readings: Array | None = None) -> Observations:
+        """The Views as arrays, each in the reading (V,) that is chosen."""
+        chosen = np.zeros(len(self.views), int) if readings is None else readings
+        return pack(
+            [self.points(index, reading) for index, reading in enumerate(chosen)],
+            [view.pixels for view in self.views],
+            [view.sigma for view in self.views],
+            self.camera,
+            self.node,
+            ["pinhole" if c.intrinsics is None else c.intrinsics.model for c in self.cameras],
+            len(self.nodes),
+        )
+
+    def restricted(self, views: Array) -> "Problem":
+        """The same problem with some of the Views (indices), and only the nodes that these see."""
+        return _problem(self.cameras, self.rectangles, [self.views[i] for i in views])
+
+
+def build_problem(cameras: Sequence[CameraInput], rectangles: Sequence[Rectangle], views: Sequence[View]) -> Problem:
+    """Number everything. Views of too few points are left out.
+
+    Raises QuadrigError where names repeat, or a View names what is not there or holds broken numbers.
+    """
+    for what, names in (("camera", [c.name for c in cameras]), ("rectangle", [r.name for r in rectangles])):
+        repeated = sorted({name for name in names if names.count(name) > 1}) if len(set(names)) < len(names) else []
+        if repeated:
+            raise QuadrigError(f"{what} {repeated[0]!r} is given twice; every {what} needs a name of its own")
+    by_name = {r.name: r for r in sorted(rectangles, key=lambda r: r.name)}
+    known = {c.name for c in cameras}
+    for view in views:
+        _check(view, known, by_name)
+    usable = [v for v in views if len(v.pixels) >= _FEWEST_POINTS]
+    return _problem(tuple(sorted(cameras, key=lambda c: c.name)), by_name, usable)
+
+
+def _problem(cameras: tuple[CameraInput, ...], rectangles: dict[str, Rectangle], views: Sequence[View]) -> Problem:
+    ordered = tuple(
+        sorted(views, key=lambda v: (v.rectangle, v.frameset, v.camera, v.pixels.tobytes(), v.points.tobytes()))
+    )
+    keys = [_node_key(rectangles[v.rectangle], v.frameset) for v in ordered]
+    distinct = sorted(set(keys))
+    node_index = {key: index for index, key in enumerate(distinct)}
+    camera_index = {c.name: index for index, c in enumerate(cameras)}
+    return Problem(
+        cameras,
+        rectangles,
+        ordered,
+        tuple(Node(*key) for key in distinct),
+        np.array([camera_index[v.camera] for v in ordered], int),
+        np.array([node_index[key] for key in keys], int),
+    )
+
+
+def _node_key(rectangle: Rectangle, frameset: int) -> tuple[str, int]:
+    if rectangle.world_from_rect is not None:
+        return ("", -1)
+    return (rectangle.name, frameset if rectangle.moving else -1)
+
+
+def _check(view: View, cameras: set[str], rectangles: dict[str, Rectangle]) -> None:
+    where = f"View of {view.rectangle!r} by {view.camera!r} in frameset {view.frameset}"
+    if view.camera not in cameras:
+        raise QuadrigError(f"{where}: there is no camera of that name; give it, or leave the View out")
+    if view.rectangle not in rectangles:
+        raise QuadrigError(f"{where}: there is no rectangle of that name; give it, or leave the View out")
+    if any(reading.shape != (len(view.pixels), 3) for reading in view.readings) or view.pixels.ndim != 2:
+        raise QuadrigError(f"{where}: points and pixels do not match; give P points (P, 3) with P pixels (P, 2)")
+    if not (np.isfinite(view.pixels).all() and all(np.isfinite(r).all() for r in view.readings)):
+        raise QuadrigError(f"{where}: a coordinate is not a number; leave out points that were not seen")
+    if not (np.isfinite(view.sigma) and view.sigma > 0):
+        raise QuadrigError(f"{where}: sigma is {view.sigma} px; give a positive number")
