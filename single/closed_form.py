@@ -25,13 +25,15 @@ from .pose import Pose
 from .rotation import Array
 
 # Members solved at a time: some eighty rows of this length stay in a core's second-level cache.
-_BLOCK = 2048
+_BLOCK = 4096
 # The estimate of g that the first weights are taken at: not less than this share of |m_w^2| / |m_x^2 + m_y^2|, which
 # is g itself for exact corners and stays positive under any noise.
 _LEAST_SHARE = 0.1
 # A focal whose sigma exceeds this share of itself has an interval (in 1/f, 95 %) that reaches infinity.
 _UNKNOWABLE = 0.5
 _TINY = np.finfo(float).tiny
+# Pairs of corners as slices, so that they are views: P1 P3, P2 P4, and the same in the other order.
+_P13, _P24, _P31, _P42 = slice(0, None, 2), slice(1, None, 2), slice(2, None, -2), slice(3, None, -2)
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,13 +58,15 @@ def closed_form(
     principal_point: Array,
     focal: Array | float | None = None,
     sigma: float = 0.3,
+    photographed: bool = True,
 ) -> ClosedForm:
     """Focal and pose of rectangles from their four corners.
 
-    corners (..., 4, 2) pixels in the order of Eq. 4, that is bottom right, bottom left, top left, top right of the
-    upright sheet; width, height (...) metres; principal_point (..., 2) pixels. focal: where it is known (...), px: the
-    pose is for it. sigma: standard deviation of a pixel coordinate, px; it decides what is FOCAL_UNKNOWABLE (focal
-    sigma above half the focal) and scales focal_sigma, and does not change the estimate.
+    corners (..., 4, 2) pixels in the order of Eq. 4, that is bottom right, bottom left, top left, top right of
+    the upright sheet; width, height (...) metres; principal_point (..., 2) pixels. focal: where it is known (...) px:
+    the pose is for it. sigma: standard deviation of a pixel coordinate, px; it decides what is FOCAL_UNKNOWABLE
+    (focal sigma above half the focal) and scales focal_sigma, and does not change the estimate. photographed: False
+    accepts corners behind the camera too, as a formal projection puts them in the image.
     Raises QuadrigError for arrays of the wrong shape; bad members come back nan with their reason.
     """
     corners = check_shape(corners)
@@ -79,7 +83,7 @@ def closed_form(
             part = slice(start, start + _BLOCK)
             w, h, cu, cv = (row if row.size == 1 else row[part] for row in rows)
             given = known if known is None or known.size == 1 else known[part]
-            block = _solve_block(np.ascontiguousarray(flat[part].T), w, h, cu, cv, given, sigma)
+            block = _solve_block(np.ascontiguousarray(flat[part].T), w, h, cu, cv, given, sigma, photographed)
             out_focal[part], out_sigma[part], columns, translation.T[:, part], out_reason[part] = block
             rotation[part].transpose(2, 1, 0)[...] = columns
     pose = Pose(rotation.reshape(*batch, 3, 3), translation.reshape(*batch, 3))
@@ -98,14 +102,27 @@ def _row(value: Array | float, batch: tuple[int, ...], name: str) -> Array:
 
 
 def _solve_block(
-    flat: Array, width: Array, height: Array, centre_u: Array, centre_v: Array, known: Array | None, sigma: float
+    flat: Array,
+    width: Array,
+    height: Array,
+    centre_u: Array,
+    centre_v: Array,
+    known: Array | None,
+    sigma: float,
+    photographed: bool,
 ) -> tuple[Array, Array, Array, Array, NDArray[np.int8]]:
-    """Focal (B), its sigma (B), columns of the rotation (3, 3, B), translation (3, B) and reasons (B) of corners (8, B)."""
+    """Focal, its sigma (B), columns of the rotation (3, 3, B), translation (3, B), reasons (B) of corners (8, B)."""
     u, v = flat[0::2] - centre_u, flat[1::2] - centre_v
     edge_u, edge_v = _next(u) - u, _next(v) - v
     depth = _depths(edge_u, edge_v)
-    reason = reasons_of_areas(depth)
-    reason[~((width > 0) & (height > 0) & np.isfinite(width + height)) & (reason != Reason.NOT_FINITE)] = Reason.NO_SIZE
+    if photographed:
+        reason = reasons_of_areas(depth)
+    else:
+        depth = depth * np.where((depth < 0).sum(axis=0) > 2, -1.0, 1.0)
+        reason = np.where(np.isfinite(depth).all(axis=0), np.int8(Reason.OK), np.int8(Reason.NOT_FINITE))
+    sized = (width > 0) & (height > 0) & np.isfinite(width + height)
+    if not sized.all():
+        reason[~sized & (reason != Reason.NOT_FINITE)] = Reason.NO_SIZE
     sides = _side_directions(u, v, edge_u, edge_v, depth, width, height)
     g, sigma_g = _inverse_square_focal(u, v, edge_u, edge_v, sides, 1 / width, 1 / height)
     focal = 1 / np.sqrt(g)
@@ -175,28 +192,29 @@ def _inverse_square_focal(
 def _constraint_covariance(
     y1: Array, y2: Array, lengths: Array, bends: Array, w: Array, h: Array
 ) -> tuple[Array, Array, Array]:
-    """Covariance (real-real, imag-imag, real-imag) of e/2 for unit noise.
+    """Covariance (real-real, imag-imag, real-imag), each (B), of e/2 for unit noise.
 
     Moving corner k by dp moves e by 2 [A (p_o - p_l) + B (p_n - p_o)] x dp up to sign, where n, o, l are the corners
-    next, opposite and last; A and B combine y_j = n . p_j, n = diag(g, g, 1) m. y1, y2 (4, B) are the real and imaginary parts of y.
+    next, opposite and last; A and B combine y_j = n . p_j, n = diag(g, g, 1) m. y1, y2 (4, B): its real and imaginary
+    parts. P1 and P3 share one pair of coefficients, P2 and P4 another.
     """
-    rr = ii = ri = 0.0
-    for k in range(4):
-        n, o, last = (k + 1) % 4, (k + 2) % 4, (k + 3) % 4
-        sign = 1.0 if k % 2 == 0 else -1.0
-        mix_r, mix_i = w * y1[o] - sign * h * y2[o], w * y2[o] + sign * h * y1[o]
-        if k % 2 == 0:
-            a_r, a_i = -h * y2[n] - mix_r, h * y1[n] - mix_i
-            b_r, b_i = w * y1[last] - mix_r, w * y2[last] - mix_i
+    wy1, wy2, hy1, hy2 = w * y1, w * y2, h * y1, h * y2
+    rr, ii, ri = 0.0, 0.0, 0.0
+    for n, o, last, odd in ((_P24, _P31, _P42, False), (_P31, _P42, _P13, True)):
+        if odd:
+            mix_r, mix_i = wy1[o] + hy2[o], wy2[o] - hy1[o]
+            a_r, a_i = wy1[n] - mix_r, wy2[n] - mix_i
+            b_r, b_i = hy2[last] - mix_r, -hy1[last] - mix_i
         else:
-            a_r, a_i = w * y1[n] - mix_r, w * y2[n] - mix_i
-            b_r, b_i = h * y2[last] - mix_r, -h * y1[last] - mix_i
+            mix_r, mix_i = wy1[o] - hy2[o], wy2[o] + hy1[o]
+            a_r, a_i = -hy2[n] - mix_r, hy1[n] - mix_i
+            b_r, b_i = wy1[last] - mix_r, wy2[last] - mix_i
         aa, bb, ab = lengths[o], lengths[n], bends[n]
-        left_r, right_r = aa * a_r + ab * b_r, ab * a_r + bb * b_r
-        rr = rr + a_r * left_r + b_r * right_r
-        ri = ri + a_i * left_r + b_i * right_r
-        ii = ii + a_i * (aa * a_i + 2 * ab * b_i) + bb * b_i * b_i
-    return rr, ii, ri  # type: ignore[return-value]
+        left, right = aa * a_r + ab * b_r, ab * a_r + bb * b_r
+        rr = rr + (a_r * left + b_r * right)
+        ri = ri + (a_i * left + b_i * right)
+        ii = ii + (a_i * (aa * a_i + 2 * ab * b_i) + bb * b_i * b_i)
+    return np.add(*rr), np.add(*ii), np.add(*ri)
 
 
 def _pose(u: Array, v: Array, depth: Array, sides: Array, focal: Array) -> tuple[Array, Array]:

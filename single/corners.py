@@ -35,7 +35,7 @@ REASON_WORDS = {
     Reason.CROSSING: "the sides cross each other; give the corners in turn around the rectangle",
     Reason.NOT_CONVEX: "one corner lies inside the triangle of the others; no picture of a rectangle looks so",
     Reason.REVERSED: "the corners turn the wrong way; give them as bottom right, bottom left, top left, top right",
-    Reason.FOCAL_UNKNOWABLE: "this view cannot tell the focal from the distance; tilt the sheet more, or give the focal",
+    Reason.FOCAL_UNKNOWABLE: "this view cannot tell focal from distance; tilt the sheet more, or give the focal",
     Reason.NO_CONVERGENCE: "no camera fits these points; check that they belong to this rectangle",
 }
 """What each reason means and what to do, for people."""
@@ -55,7 +55,9 @@ def check_shape(corners: Array) -> Array:
     """Corners as floats (..., 4, 2). Raises QuadrigError where the shape is another."""
     corners = np.asarray(corners, float)
     if corners.ndim < 2 or corners.shape[-2:] != (4, 2):
-        raise QuadrigError(f"corners have the shape {corners.shape}; give four corners of two pixels each, (..., 4, 2)")
+        raise QuadrigError(
+            f"corners have the shape {corners.shape}; give four corners of two pixels each, (..., 4, 2)"
+        )
     return corners
 
 
