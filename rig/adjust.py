@@ -11,7 +11,6 @@ from quadrig.single.rotation import Array
 
 from .elimination import Reduced, eliminate, node_steps, solve_cameras
 from .normal_equations import (
-    LENS,
     Layout,
     Linearised,
     Normal,
@@ -160,6 +159,3 @@ def undamped(adjustment: Adjustment, freedom: Freedom) -> Reduced:
     """The reduced system at the end of an adjustment, for covariances and tests."""
     unknowns = freedom.unknowns(adjustment.columns)
     return eliminate(adjustment.normal, adjustment.layout, unknowns, freedom.node)
-
-
-__all__ = ["LENS", "Adjustment", "Freedom", "adjust", "undamped"]

@@ -1,12 +1,26 @@
 """From Views to a Rig: the one call that runs graph, chain and joint adjustment."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
+import numpy as np
+
+from quadrig.single.errors import QuadrigError
 from quadrig.single.rectangle import Rectangle
+from quadrig.single.rotation import Array
 from quadrig.single.view import View
 
+from .assemble import camera_covariance, cameras_of, edges_of, fits_of, rectangles_of, rms_of, with_figures
+from .connectivity import missing_cameras, refuse
+from .graph import FirstRig, components, first_rig
 from .inputs import CameraInput
+from .joint import Joint, solve_jointly
+from .left_out import left_out_squares
+from .problem import Problem, build_problem
 from .result import Rig
+from .start import Start, start
+from .weaknesses import weaknesses
+from .working_accuracy import covered_points, working_accuracy
 
 
 def calibrate(
@@ -17,7 +31,133 @@ def calibrate(
 ) -> Rig:
     """The rig that the Views of these cameras and rectangles show.
 
-    reference: the camera, or the rectangle with a world pose, whose frame is the rig frame; the first camera that
-    can be placed where None. Raises QuadrigError where no two cameras can be brought into one frame.
+    reference: the camera, or the rectangle, whose frame is the rig frame (the world's, where the rectangle is
+    surveyed); the first camera that can be placed where None. Cameras that share nothing with the largest rig are
+    left out and named in Rig.missing. Raises QuadrigError where no two cameras can be brought into one frame.
     """
-    raise NotImplementedError
+    whole = build_problem(cameras, rectangles, views)
+    kept = _largest(whole, reference)
+    missing = missing_cameras(whole, kept)
+    problem = _of_cameras(whole, kept)
+    name = _reference(problem, cameras, reference)
+    anchor, node = _anchor(problem, name)
+    begin = start(problem)
+    first = first_rig(problem, begin.candidates, anchor)
+    if node is not None:
+        first = _in_node_frame(first, node)
+    joint = solve_jointly(problem, begin, first, None if node is not None else anchor, node)
+    return _rig(problem, joint, begin, first, name, missing, [c.name for c in cameras])
+
+
+def _largest(problem: Problem, reference: str | None) -> list[int]:
+    """Indices of the cameras of the largest rig; of equals the one with the reference, then the first by name."""
+    groups = components(problem)
+    groups = [g for g in groups if len(g) >= 2]
+    if not groups:
+        raise refuse(problem)
+    named = [i for i, camera in enumerate(problem.cameras) if camera.name == reference]
+    return max(groups, key=lambda g: (len(g), bool(set(named) & set(g)), [-i for i in g]))
+
+
+def _of_cameras(problem: Problem, kept: list[int]) -> Problem:
+    names = {problem.cameras[i].name for i in kept}
+    return build_problem(
+        [problem.cameras[i] for i in kept],
+        list(problem.rectangles.values()),
+        [view for view in problem.views if view.camera in names],
+    )
+
+
+def _reference(problem: Problem, cameras: Sequence[CameraInput], reference: str | None) -> str:
+    """The reference's name; the first camera of the rig where the one asked for took no part in it."""
+    placed = [camera.name for camera in problem.cameras]
+    if reference is None or (reference in {c.name for c in cameras} and reference not in placed):
+        return next(camera.name for camera in cameras if camera.name in placed)
+    if reference in placed:
+        return reference
+    if reference not in problem.rectangles:
+        raise QuadrigError(
+            f"reference {reference!r} is neither a camera nor a rectangle; "
+            f"cameras are {', '.join(c.name for c in cameras)}, rectangles {', '.join(problem.rectangles)}"
+        )
+    if problem.rectangles[reference].moving:
+        raise QuadrigError(f"reference {reference!r} moves; take a camera or a rectangle that stands still")
+    return reference
+
+
+def _anchor(problem: Problem, reference: str) -> tuple[int, int | None]:
+    """The camera that the first rig starts from, and the node whose frame is the rig frame, if it is one's."""
+    for index, camera in enumerate(problem.cameras):
+        if camera.name == reference:
+            return index, None
+    rectangle = problem.rectangles[reference]
+    key = ("", -1) if rectangle.world_from_rect is not None else (reference, -1)
+    for index, node in enumerate(problem.nodes):
+        if (node.rectangle, node.frameset) == key:
+            return int(problem.camera[problem.node == index][0]), index
+    raise QuadrigError(
+        f"reference {reference!r} was seen by no camera of the rig; show it, or take another reference"
+    )
+
+
+def _in_node_frame(first: FirstRig, node: int) -> FirstRig:
+    rig_from_node = first.rig_from_node[node]
+    node_from_rig = rig_from_node.inverse()
+    return replace(
+        first,
+        camera_from_rig=first.camera_from_rig @ rig_from_node,
+        rig_from_node=node_from_rig @ first.rig_from_node,
+    )
+
+
+def _rig(
+    problem: Problem,
+    joint: Joint,
+    begin: Start,
+    first: FirstRig,
+    reference: str,
+    missing: dict[str, str],
+    order: list[str],
+) -> Rig:
+    covariance = camera_covariance(joint)
+    fits = fits_of(problem, joint, first.reading)
+    left_out_of_camera, left_out = _left_out(problem, joint, fits)
+    cameras = with_figures(cameras_of(problem, joint), fits, left_out_of_camera, covariance)
+    rectangles = rectangles_of(problem, joint)
+    accuracy = working_accuracy(cameras, covariance, covered_points(rectangles))
+    place = [index for name in order for index, camera in enumerate(cameras) if camera.name == name]
+    rig = Rig(
+        reference,
+        tuple(cameras[i] for i in place),
+        rectangles,
+        _reordered(covariance, place),
+        fits,
+        edges_of(problem, joint, begin.candidates),
+        joint.noise,
+        rms_of(fits),
+        left_out,
+        accuracy,
+        missing,
+        costs=joint.costs,
+    )
+    return replace(rig, weak=weaknesses(rig))
+
+
+def _reordered(covariance: Array, place: list[int]) -> Array:
+    size = len(covariance) // len(place)
+    index = (np.array(place)[:, None] * size + np.arange(size)).ravel()
+    return covariance[np.ix_(index, index)]
+
+
+def _left_out(problem: Problem, joint: Joint, fits: tuple) -> tuple[dict[str, float], float]:
+    """RMS (px) of Views left out of the fit, of each camera and of all."""
+    squares = left_out_squares(problem, joint)
+    counts = np.array([fit.used.sum() if not fit.rejected else 0 for fit in fits])
+    told = np.isfinite(squares) & (counts > 0)
+    by_camera = {}
+    for index, camera in enumerate(problem.cameras):
+        own = told & (problem.camera == index)
+        if own.any():
+            by_camera[camera.name] = float(np.sqrt(squares[own].sum() / counts[own].sum()))
+    total = float(np.sqrt(squares[told].sum() / counts[told].sum())) if told.any() else float("nan")
+    return by_camera, total

@@ -31,7 +31,7 @@ _MOST_VOTERS = 64
 
 @dataclass(frozen=True, eq=False)
 class Relative:
-    """left_from_right of two cameras, how many rectangle poses support it, its sigma (rad and m, added in squares)."""
+    """left_from_right of two cameras, how many rectangle poses support it, and its sigma (rad and m, as one)."""
 
     left: int
     right: int

@@ -109,13 +109,13 @@ def _full_step(
 
 
 def _steps(mask: Array) -> int:
-    """How many times a lens was made more complex: the radial pair, the tangential pair, a further term, the aspect."""
+    """How many times a lens was made more complex: radial pair, tangential pair, a further term, aspect."""
     names = dict(zip(LENS_PARAMETERS, mask, strict=True))
     return sum(int(names[name]) for name in ("k1", "p1", "k3", "aspect"))
 
 
 def _choose(away: Array, covariance: Array, prior_variance: Array, fisheye: bool) -> tuple[Array, str]:
-    """The model of highest evidence, and why. away (9,): distance from neutral; prior_variance (6,): of k1 to aspect."""
+    """The model of highest evidence, and why. away (9,): from neutral; prior_variance (6,): of k1 to aspect."""
     models = _FISHEYE_MODELS if fisheye else _PINHOLE_MODELS
     prior_logs = np.concatenate([np.zeros(3), np.log(prior_variance)])
     scores: dict[str, tuple[float, Array]] = {}

@@ -1,7 +1,7 @@
-"""How far principal points stray from the middle of the image: learned from the rig's own cameras.
+"""Where principal points are: strayed as those of real lenses do, or at the middle, as rendered ones are.
 
-An empirical Bayes choice among a few widths of the prior: where the data can tell, exact cameras (rendered ones) end
-with a narrow prior and all others with the wide one; where it cannot tell, the usual width stays.
+A Bayes factor between the two for the rig as a whole. Real principal points stray by tens of pixels, so that all of
+them within a pixel or so of the middle is a coincidence that only the second explains.
 """
 
 import numpy as np
@@ -12,14 +12,14 @@ from .adjust import Adjustment, Freedom, undamped
 from .elimination import reduced_inverse
 from .problem import Problem
 
-# Widths tried, as multiples of the usual one: from a hundredth (a fraction of a pixel) to twice as wide.
-_WIDTHS = (1.0, 2.0, 0.3, 0.1, 0.03, 0.01)
-# The usual width is taken unless another explains the data this much better (log odds; e^3 is 20 to 1).
+# Width of the prior "at the middle", as a share of the usual one: a fraction of a pixel.
+_EXACT = 0.01
+# The usual width is taken unless the other explains the data this much better (log odds; e^3 is 20 to 1).
 _CONVINCING = 3.0
 
 
 def learned_sigma(problem: Problem, adjustment: Adjustment, freedom: Freedom, usual: float) -> float:
-    """Width of the prior of principal points, a share of the image's larger side, of highest evidence."""
+    """Width of the prior of principal points, as a share of the image's larger side: `usual`, or next to nothing."""
     columns = adjustment.columns
     open_cameras = np.flatnonzero(freedom.lens[:, 1] & freedom.lens[:, 2])
     given = [problem.cameras[c].intrinsics is not None for c in open_cameras]
@@ -36,9 +36,8 @@ def learned_sigma(problem: Problem, adjustment: Adjustment, freedom: Freedom, us
     # What the data alone says: information minus the prior's, about a point where the prior pulled to.
     pull = information @ offset
     data = information - np.diag(current)
-    evidence = {width: _evidence(data, pull, usual * width) for width in _WIDTHS}
-    best = max(_WIDTHS, key=lambda width: evidence[width])
-    return usual * best if evidence[best] > evidence[1.0] + _CONVINCING else usual
+    exact = usual * _EXACT
+    return exact if _evidence(data, pull, exact) > _evidence(data, pull, usual) + _CONVINCING else usual
 
 
 def _evidence(data: Array, pull: Array, sigma: float) -> float:

@@ -1,0 +1,206 @@
+"""From the end of the joint adjustment to the Rig: poses, covariances and residuals under their names."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from quadrig.single.lens import LENS_PARAMETERS, Intrinsics, project
+from quadrig.single.pose import inverse_jacobian
+from quadrig.single.rotation import Array
+
+from .inputs import CameraInput
+from .joint import Joint
+from .normal_equations import LENS
+from .problem import Problem
+from .result import CAMERA_PARAMETERS, Camera, Edge, PlacedRectangle, ViewFit
+from .start import Candidates
+
+# Sigma of a focal, as a share of it, beyond which the Views cannot be said to tell it.
+_UNKNOWN_FOCAL = 0.2
+
+
+def cameras_of(problem: Problem, joint: Joint) -> tuple[Camera, ...]:
+    """The cameras, with lens and pose but without the figures that need the Views' fits."""
+    rig_from_camera = joint.adjustment.state.camera_from_rig.inverse()
+    cameras = []
+    for row, given in enumerate(problem.cameras):
+        lens = joint.adjustment.state.lens[row]
+        free = tuple(name for name, is_free in zip(LENS_PARAMETERS, joint.freedom.lens[row], strict=True) if is_free)
+        cameras.append(
+            Camera(
+                given.name,
+                _template(given).with_parameters(lens),
+                rig_from_camera[row],
+                free,
+                joint.choices.reasons[row],
+            )
+        )
+    return tuple(cameras)
+
+
+def _template(given: CameraInput) -> Intrinsics:
+    return given.intrinsics or Intrinsics.centred(given.width, given.height, 1.0)
+
+
+def camera_covariance(joint: Joint) -> Array:
+    """Covariance (15 C, 15 C) as Rig.covariance has it: lenses, and steps of rig_from_camera."""
+    cameras, size = joint.reduced.free.shape
+    columns = joint.adjustment.columns
+    place = np.concatenate([columns, np.arange(LENS, CAMERA_PARAMETERS)])
+    spread = np.zeros((cameras, CAMERA_PARAMETERS, cameras, size))
+    jacobian = inverse_jacobian(joint.adjustment.state.camera_from_rig)
+    block = np.zeros((cameras, CAMERA_PARAMETERS, size))
+    block[:, place[: len(columns)], np.arange(len(columns))] = 1.0
+    block[:, LENS:, len(columns) :] = jacobian
+    joint_blocks = joint.covariance.reshape(cameras, size, cameras, size)
+    spread = np.einsum("iab,ibjc->iajc", block, joint_blocks, optimize=True)
+    result = np.einsum("iajc,jdc->iajd", spread, block, optimize=True)
+    total = cameras * CAMERA_PARAMETERS
+    return result.reshape(total, total)
+
+
+def node_covariances(joint: Joint) -> Array:
+    """Covariance (N, 6, 6) of every rectangle pose: its own Views' doubt, and what the cameras pass on to it."""
+    tables, normal, reduced = joint.adjustment.layout, joint.adjustment.normal, joint.reduced
+    cameras, size = reduced.free.shape
+    passed = reduced.node_inverse[tables.pair_node] @ np.swapaxes(normal.pairs, -1, -2)
+    blocks = joint.covariance.reshape(cameras, size, cameras, size)
+    left, right = tables.meeting_left, tables.meeting_right
+    between = blocks[tables.pair_camera[left], :, tables.pair_camera[right], :]
+    term = passed[left] @ between @ np.swapaxes(passed[right], -1, -2)
+    result = reduced.node_inverse.copy()
+    np.add.at(result, tables.pair_node[left], term)
+    off = left != right
+    np.add.at(result, tables.pair_node[left][off], np.swapaxes(term[off], -1, -2))
+    return result
+
+
+def rectangles_of(problem: Problem, joint: Joint) -> tuple[PlacedRectangle, ...]:
+    """Every rectangle that was placed; one whose Views were all thrown out is not."""
+    poses, covariances = joint.adjustment.state.rig_from_rect, node_covariances(joint)
+    placed_nodes = {int(n) for n in np.unique(joint.observations.node[~joint.judged.rejected])}
+    world = next((i for i, node in enumerate(problem.nodes) if node.rectangle == ""), None)
+    placed = []
+    for name, rectangle in problem.rectangles.items():
+        if rectangle.world_from_rect is not None:
+            if world in placed_nodes and world is not None:
+                pose = poses[world] @ rectangle.world_from_rect
+                placed.append(PlacedRectangle(rectangle, pose, covariances[world]))
+            continue
+        own = [i for i, node in enumerate(problem.nodes) if node.rectangle == name and i in placed_nodes]
+        if not own:
+            continue
+        if rectangle.moving:
+            framesets = np.array([problem.nodes[i].frameset for i in own])
+            placed.append(PlacedRectangle(rectangle, poses[np.array(own)], covariances[np.array(own)], framesets))
+        else:
+            placed.append(PlacedRectangle(rectangle, poses[own[0]], covariances[own[0]]))
+    return tuple(placed)
+
+
+def fits_of(problem: Problem, joint: Joint, reading: Array) -> tuple[ViewFit, ...]:
+    """Residuals of every View, and why those that were thrown out were."""
+    state, observations = joint.adjustment.state, joint.observations
+    used: list[Array] = [np.zeros(0, bool)] * len(problem.views)
+    residuals: list[Array] = [np.zeros((0, 2))] * len(problem.views)
+    chained = state.camera_from_rect(observations)
+    for group in observations.groups:
+        pose = chained[group.view]
+        located = group.points @ np.swapaxes(pose.rotation, -1, -2) + pose.translation[:, None]
+        with np.errstate(invalid="ignore"):
+            difference = group.pixels - project(state.lens[group.camera][:, None], located, group.model)
+        for row, view in enumerate(group.view):
+            count = len(problem.views[view].pixels)
+            residuals[view], used[view] = difference[row, :count], group.weights[row, :count] > 0
+    return tuple(
+        ViewFit(view, residuals[i], used[i], int(reading[i]), _why(problem, i, residuals[i], joint))
+        for i, view in enumerate(problem.views)
+    )
+
+
+def _why(problem: Problem, index: int, residuals: Array, joint: Joint) -> str:
+    """Why a View was thrown out, or an empty string."""
+    if not joint.judged.rejected[index]:
+        return ""
+    length = np.linalg.norm(residuals, axis=-1)
+    if not np.isfinite(length).any():
+        return "the rig puts this rectangle behind the camera: the id is another rectangle's"
+    shift = _shift(problem, index, joint)
+    if shift:
+        return f"its corners are in the wrong order: shifted by {shift}"
+    median = float(np.nanmedian(length))
+    far = int((~(length < 5 * joint.noise * problem.views[index].sigma)).sum())
+    return f"{far} of {len(length)} corners are off, by {median:.1f} px in the middle: another id, or another instant"
+
+
+def _shift(problem: Problem, index: int, joint: Joint) -> int:
+    """By how many places the corners of a four-corner View would have to turn to fit; 0 where none does."""
+    view = problem.views[index]
+    if len(view.pixels) != 4:
+        return 0
+    state = joint.adjustment.state
+    camera = joint.observations.camera[index]
+    pose = state.camera_from_rig[camera] @ state.rig_from_rect[joint.observations.node[index]]
+    model = _template(problem.cameras[camera]).model
+    with np.errstate(invalid="ignore"):
+        predicted = project(state.lens[camera], pose.transform(problem.points(index)), model)
+    for shift in (1, 2, 3):
+        error = np.linalg.norm(np.roll(view.pixels, shift, axis=0) - predicted, axis=-1)
+        # Twice the usual limit: the pose of the rectangle comes from others, this View had no part in it.
+        if (error < 10 * joint.noise * view.sigma).all():
+            return shift
+    return 0
+
+
+def edges_of(problem: Problem, joint: Joint, candidates: Candidates) -> tuple[Edge, ...]:
+    """What each View said by itself against what the rig says, in the View's own uncertainty."""
+    chained = joint.adjustment.state.camera_from_rect(joint.observations)
+    step = candidates.camera_from_node.step_to(chained[candidates.view])
+    information = np.linalg.inv(candidates.covariance)
+    distance = np.sqrt(np.maximum(np.einsum("ki,kij,kj->k", step, information, step), 0) / 6)
+    order = np.lexsort((distance, candidates.view))
+    _, first = np.unique(candidates.view[order], return_index=True)
+    edges = []
+    for row in order[first]:
+        index = int(candidates.view[row])
+        view = problem.views[index]
+        edges.append(
+            Edge(
+                view.camera,
+                view.rectangle,
+                view.frameset,
+                float(np.linalg.norm(step[row, :3])),
+                float(np.linalg.norm(step[row, 3:])),
+                float(distance[row]),
+                float(np.trace(information[row, 3:, 3:])),
+                bool(joint.judged.rejected[index]),
+            )
+        )
+    return tuple(edges)
+
+
+def with_figures(
+    cameras: tuple[Camera, ...], fits: tuple[ViewFit, ...], left_out: dict[str, float], covariance: Array
+) -> tuple[Camera, ...]:
+    """The cameras with RMS, counts, and whether their focal could be told."""
+    result = []
+    for index, camera in enumerate(cameras):
+        own = [fit for fit in fits if fit.view.camera == camera.name and not fit.rejected]
+        sigma = float(np.sqrt(covariance[index * CAMERA_PARAMETERS, index * CAMERA_PARAMETERS]))
+        result.append(
+            replace(
+                camera,
+                rms=rms_of(own),
+                left_out_rms=left_out.get(camera.name, float("nan")),
+                views=len(own),
+                observable_focal=sigma < _UNKNOWN_FOCAL * camera.intrinsics.focal,
+            )
+        )
+    return tuple(result)
+
+
+def rms_of(fits: list[ViewFit] | tuple[ViewFit, ...]) -> float:
+    """Root mean square length (px) of the residuals of the corners that took part; nan for none."""
+    squares = [(fit.residuals[fit.used] ** 2).sum(axis=-1) for fit in fits if not fit.rejected]
+    every = np.concatenate(squares) if squares else np.zeros(0)
+    return float(np.sqrt(every.mean())) if len(every) else float("nan")

@@ -1,0 +1,72 @@
+"""What is weak in a rig, in words, and what would mend it."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from .result import Camera, Rig, ViewFit
+
+# Above this many per cent the focal is what limits distances that a camera tells.
+_VAGUE_FOCAL = 0.02
+# Fewer Views than this leave one bad View the power to move a camera.
+_FEW_VIEWS = 5
+# Left-out framesets that fit this much worse than those of the fit speak of a lens or an instant that does not hold.
+_WORSE_LEFT_OUT = 1.5
+# The share of a picture (in a grid of 4 x 4) below which the lens is a guess outside of what was covered.
+_LITTLE_COVER = 0.4
+_GRID = 4
+
+
+def weaknesses(rig: Rig) -> tuple[str, ...]:
+    """Sentences, the gravest first."""
+    sentences = []
+    for camera in rig.cameras:
+        sentences += _of_camera(rig, camera)
+    if np.isfinite(rig.left_out_rms) and rig.left_out_rms > _WORSE_LEFT_OUT * rig.rms:
+        sentences.append(
+            f"framesets left out of the fit miss by {rig.left_out_rms:.2f} px against {rig.rms:.2f} px of the fit: "
+            "show more rectangles, in more places"
+        )
+    sentences += _rejected(rig.fits)
+    return tuple(sentences)
+
+
+def _of_camera(rig: Rig, camera: Camera) -> list[str]:
+    sentences = []
+    sigma = rig.focal_sigma(camera.name) / camera.intrinsics.focal
+    if not camera.observable_focal:
+        sentences.append(
+            f"{camera.name}: its focal cannot be told from distance ({100 * sigma:.0f} %); "
+            "tilt a rectangle by 30 degrees or more in front of it"
+        )
+    elif sigma > _VAGUE_FOCAL:
+        sentences.append(f"{camera.name}: its focal is known to {100 * sigma:.1f} %; tilt the rectangles more")
+    if camera.views < _FEW_VIEWS:
+        sentences.append(
+            f"{camera.name}: rests on {camera.views} View{'s' if camera.views != 1 else ''}; show it more"
+        )
+    cover = coverage(rig.fits, camera)
+    if len(camera.free_lens) > 3 and cover < _LITTLE_COVER:
+        sentences.append(
+            f"{camera.name}: corners covered {100 * cover:.0f} % of its picture; its lens is a guess in the rest"
+        )
+    return sentences
+
+
+def coverage(fits: Sequence[ViewFit], camera: Camera) -> float:
+    """Share of the fields of a 4 x 4 grid over the picture in which corners were used."""
+    pixels = [fit.view.pixels[fit.used] for fit in fits if fit.view.camera == camera.name]
+    if not pixels:
+        return 0.0
+    size = np.array([camera.intrinsics.width, camera.intrinsics.height])
+    field = np.clip(np.concatenate(pixels) / size * _GRID, 0, _GRID - 1).astype(int)
+    return len(np.unique(field @ np.array([1, _GRID]))) / _GRID**2
+
+
+def _rejected(fits: Sequence[ViewFit]) -> list[str]:
+    out = [fit for fit in fits if fit.rejected]
+    if not out:
+        return []
+    named = ", ".join(f"{f.view.camera} of {f.view.rectangle!r} in frameset {f.view.frameset}" for f in out[:3])
+    more = f" and {len(out) - 3} more" if len(out) > 3 else ""
+    return [f"{len(out)} of {len(fits)} Views were thrown out: {named}{more}"]
