@@ -1,6 +1,7 @@
 """Where a camera's images come from: a topic, a video, a folder. Small to send to another process."""
 
 import os
+import struct
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -11,7 +12,7 @@ import numpy as np
 
 from quadrig.single.rotation import Array
 
-from .decode_image import UndecodableImage, decode_image
+from .decode_image import decode_image
 from .image_message import STAMP_BYTES, Payload, read_payload, read_stamp, stamp_of_whole
 from .mcap_reader import McapBytes, TopicMessages
 
@@ -120,9 +121,12 @@ class McapMessages:
         return log_times
 
     def _stamp(self, index: int) -> int:
-        stamp = read_stamp(self.message_encoding, self.schema, self.data(index, STAMP_BYTES))
-        if stamp is None:
-            stamp = stamp_of_whole(self.message_encoding, self.schema, self.data(index))
+        try:
+            stamp = read_stamp(self.message_encoding, self.schema, self.data(index, STAMP_BYTES))
+            if stamp is None:
+                stamp = stamp_of_whole(self.message_encoding, self.schema, self.data(index))
+        except (ValueError, struct.error):
+            stamp = 0
         return stamp or int(self.topics[self.files[index]].log_times[self.messages[index]])
 
 
@@ -153,7 +157,7 @@ class McapImages:
         for index in range(len(self)):
             try:
                 yield decode_image(self.messages.payload(index), gray)
-            except (UndecodableImage, ValueError, AttributeError):
+            except (ValueError, AttributeError, struct.error):
                 yield None
 
     def batches(self, indices: Array, size: int) -> list[Array]:

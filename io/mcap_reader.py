@@ -28,10 +28,12 @@ _MESSAGE_HEADER = struct.Struct("<HIQQ")
 _CHUNK_HEADER = struct.Struct("<QQQII")
 _CHUNK_INDEX = struct.Struct("<QQQQI")
 _INDEX_ENTRY_BYTES = 16
+_MESSAGE_START = _RECORD_HEADER.size + _MESSAGE_HEADER.size
 _FOOTER_BYTES = _RECORD_HEADER.size + 20
 # Decompressed chunks kept at hand: messages of interleaved topics are read nearly in file order, so two suffice.
 _KEPT_CHUNKS = 2
 _TOP_LEVEL = -1
+_NO_RECORD = 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,18 +104,17 @@ class McapBytes:
         self._stream.close()
 
     def message(self, chunk: int, offset: int, limit: int | None = None) -> bytes:
-        """The data of the message at this place, or no more than its first `limit` bytes."""
+        """The data of the message at this place, or no more than its first `limit` bytes.
+
+        Raises ValueError where the file is damaged there.
+        """
         if chunk != _TOP_LEVEL:
             start, data = self._chunk(chunk)
             if data is not None:
-                length = _RECORD_HEADER.unpack_from(data, offset)[1] - _MESSAGE_HEADER.size
-                begin = offset + _RECORD_HEADER.size + _MESSAGE_HEADER.size
-                return data[begin : begin + (length if limit is None else min(limit, length))]
+                return _message_data(data[offset : offset + _MESSAGE_START], data, offset + _MESSAGE_START, limit)
             offset += start
         self._stream.seek(offset)
-        length = _RECORD_HEADER.unpack(self._stream.read(_RECORD_HEADER.size))[1] - _MESSAGE_HEADER.size
-        self._stream.seek(_MESSAGE_HEADER.size, 1)
-        return self._stream.read(length if limit is None else min(limit, length))
+        return _message_data(self._stream.read(_MESSAGE_START), self._stream, 0, limit)
 
     def _chunk(self, chunk: int) -> tuple[int, bytes | None]:
         """File offset of the chunk's records, and their bytes where they are compressed."""
@@ -122,7 +123,14 @@ class McapBytes:
             return self._chunks[chunk]
         self._stream.seek(chunk)
         start, stored, _, compression = _read_chunk_header(self._stream)
-        data = None if compression == "" else _decompress(self._stream.read(stored), compression)
+        data = None
+        if compression:
+            try:
+                data = _decompress(self._stream.read(stored), compression)
+            except QuadrigError:
+                raise
+            except Exception:
+                data = b""
         self._chunks[chunk] = (start, data)
         compressed = [key for key, (_, kept) in self._chunks.items() if kept is not None]
         for old in compressed[:-_KEPT_CHUNKS]:
@@ -160,7 +168,8 @@ class _Scan:
             return False
         found = sum(len(data) for parts in self.entries.values() for _, data in parts) // _INDEX_ENTRY_BYTES
         # Without chunks there is no index of messages; without statistics nobody knows that the index is whole.
-        if not chunks or counts[0].message_count != found or not set(self.entries) <= set(self.channels):
+        whole = bool(chunks and counts) and counts[0].message_count == found
+        if not whole or not set(self.entries) <= set(self.channels):
             self.entries.clear()
             return False
         return True
@@ -185,6 +194,9 @@ class _Scan:
                 self._cut_off(position)
                 return
             elif op == Opcode.DATA_END:
+                return
+            elif op == _NO_RECORD:
+                self._say(f"the file is damaged at byte {position}, and what follows is left out")
                 return
             elif op == Opcode.MESSAGE:
                 self._message(self.stream.read(_MESSAGE_HEADER.size), _TOP_LEVEL, position)
@@ -243,7 +255,7 @@ class _Scan:
         """Take in the messages of a chunk, from the index behind it where there is one; where to go on."""
         self.stream.seek(position)
         try:
-            _, stored, _, compression = _read_chunk_header(self.stream)
+            _, stored, size, compression = _read_chunk_header(self.stream)
         except (struct.error, UnicodeDecodeError):
             return end
         data_start = self.stream.tell()
@@ -253,9 +265,14 @@ class _Scan:
         self.stream.seek(data_start)
         try:
             data = _decompress(self.stream.read(min(stored, end - data_start)), compression)
+        except QuadrigError as error:
+            raise QuadrigError(f"{self.path}: {error}") from error
         except Exception:
-            self._say(f"the chunk at byte {position} is damaged and was left out")
+            self._say(f"the chunk at byte {position} is damaged and left out")
             return next_record
+        # A chunk at the end of a cut file is told of as the cut; of others the two lengths must agree.
+        if end < self.size and (len(data) < size or data_start + stored != end):
+            self._say(f"the chunk at byte {position} is damaged and used as far as it goes")
         for offset, op, begin, stop in _record_places(data):
             if op == Opcode.MESSAGE and not channels:
                 self._message(data[begin : begin + _MESSAGE_HEADER.size], position, offset)
@@ -285,6 +302,18 @@ class _Scan:
 
     def _say(self, sentence: str) -> None:
         self.note = f"{self.note}; {sentence}" if self.note else sentence
+
+
+def _message_data(header: bytes, source: bytes | BinaryIO, begin: int, limit: int | None) -> bytes:
+    """The data of the message with this header, from where it begins in bytes, or next in a file."""
+    if len(header) < _MESSAGE_START or header[0] != Opcode.MESSAGE:
+        raise ValueError("no message where the index has one")
+    length = _RECORD_HEADER.unpack_from(header)[1] - _MESSAGE_HEADER.size
+    wanted = length if limit is None else min(limit, length)
+    data = source[begin : begin + wanted] if isinstance(source, bytes) else source.read(wanted)
+    if len(data) < wanted:
+        raise ValueError("the message breaks off")
+    return data
 
 
 def _read_chunk_index(data: bytes) -> tuple[int, int, int]:

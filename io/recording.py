@@ -1,5 +1,6 @@
 """Recordings: which cameras they hold, and their images, be they MCAP files, videos or folders of images."""
 
+import struct
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -11,7 +12,7 @@ from quadrig.single.errors import QuadrigError
 from quadrig.single.lens import Intrinsics
 from quadrig.single.rotation import Array
 
-from .decode_image import UndecodableImage, decode_image, is_depth
+from .decode_image import decode_image, is_depth
 from .image_folder import IMAGE_SUFFIXES, folder_images, image_files, read_image_folder
 from .image_message import holds_images, holds_lenses, holds_video, read_lens
 from .image_source import ImageSource, McapImages, McapMessages
@@ -202,7 +203,7 @@ def _camera_of_topic(
                 source: ImageSource = McapVideo(messages, payload.encoding)
                 return camera_of_source(camera_name(name), name, source)
             image = decode_image(payload)
-        except (UndecodableImage, ValueError, AttributeError) as error:
+        except (ValueError, AttributeError, struct.error) as error:
             reason = str(error)
             continue
         source = McapImages(messages, payload.encoding)
@@ -217,7 +218,7 @@ def _with_prior(camera: RecordedCamera, priors: Mapping[str, TopicMessages], not
         return camera
     try:
         lens, remark = read_lens(topic.encoding, topic.schema, McapMessages.of([topic]).data(0))
-    except (ValueError, AttributeError):
+    except (ValueError, AttributeError, struct.error):
         notes.append(f"topic {topic.topic} cannot be read; camera {camera.name!r} has no lens to begin with")
         return camera
     if remark:
