@@ -47,8 +47,10 @@ def _sentence(problem: Problem, camera: int, group: list[int], kept: list[int]) 
     near, rectangle, gap = _nearest(problem, camera, kept)
     if rectangle is None:
         wanted = sorted({problem.nodes[n].rectangle for n in own} - {""}) or sorted(problem.rectangles)
-        return f"{name} shares no rectangle with {others}{joined}; "
+        return (
+            f"{name} shares no rectangle with {others}{joined}; "
             f"hold {wanted[0]!r} where {name} and {near} see it at once"
+        )
     return (
         f"{name} shares no rectangle with {others}{joined}; it comes nearest with {near}: both saw {rectangle!r}, "
         f"{gap} framesets apart; hold {rectangle!r} still where {name} and {near} see it at once"
