@@ -17,9 +17,7 @@ import numpy as np
 from quadrig.single.errors import QuadrigError
 
 from .frame import Picture
-
-PICTURE_ENDINGS = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp")
-VIDEO_ENDINGS = (".mp4", ".avi", ".mkv", ".mov", ".webm", ".m4v", ".mpg", ".mpeg")
+from .image_folder import IMAGE_SUFFIXES
 
 # A network source that says nothing for this long is lost: a camera of 1 frame a second has missed three.
 _NETWORK_PATIENCE = 3.0
@@ -181,10 +179,10 @@ class _FolderReader:
     live = False
 
     def __init__(self, folder: Path) -> None:
-        self._paths = sorted(p for p in folder.iterdir() if p.suffix.lower() in PICTURE_ENDINGS)
+        self._paths = sorted(p for p in folder.iterdir() if p.suffix.lower() in IMAGE_SUFFIXES)
         self._next = 0
         if not self._paths:
-            raise QuadrigError(f"{folder}: no pictures ({', '.join(PICTURE_ENDINGS)}) in this folder")
+            raise QuadrigError(f"{folder}: no pictures ({', '.join(sorted(IMAGE_SUFFIXES))}) in this folder")
 
     def read(self) -> tuple[int, Payload] | None:
         if self._next >= len(self._paths):
@@ -220,7 +218,7 @@ class _WatchReader:
 
     def _next_settled(self) -> Path | None:
         try:
-            found = sorted(p for p in self._folder.iterdir() if p.suffix.lower() in PICTURE_ENDINGS)
+            found = sorted(p for p in self._folder.iterdir() if p.suffix.lower() in IMAGE_SUFFIXES)
         except OSError:
             raise SourceLostError(f"folder {self._folder} is not there") from None
         for path in found:

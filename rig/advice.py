@@ -1,0 +1,283 @@
+"""Coaching: of all that could be said to the person with the sheet, the one sentence that lowers the doubt most."""
+
+from collections.abc import Collection, Iterable, Sequence
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+
+from quadrig.single.pose import Pose
+from quadrig.single.rectangle import Rectangle
+from quadrig.single.rotation import Array
+from quadrig.single.view import View
+
+from .next_view import (
+    Placements,
+    accuracy_weight,
+    expected_drop,
+    expected_drop_in_hand,
+    imagine,
+    seen,
+    volume_of,
+    within_reach,
+)
+from .result import Rig
+
+AdviceKind = Literal["show", "connect", "tilt", "region", "share", "nearer", "farther", "done"]
+
+# Views a camera needs before its focal and place mean anything at all.
+_FIRST_VIEWS = 2
+# Placements as near as this to one the person could not reach are not asked for again.
+_REFUSED_METRES = 0.35
+# A ghost counts as reached when the sheet's middle is this near and it is turned this little away: a placement
+# within them gives nine tenths of the expected drop.
+_REACHED_METRES, _REACHED_ANGLE = 0.12, np.deg2rad(20)
+_REGION_WORDS = {
+    (-1, -1): "upper left corner", (0, -1): "upper edge", (1, -1): "upper right corner",
+    (-1, 0): "left edge", (0, 0): "middle", (1, 0): "right edge",
+    (-1, 1): "lower left corner", (0, 1): "lower edge", (1, 1): "lower right corner",
+}  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class Advice:
+    """One sentence, and what it means for a program.
+
+    cameras: whom it concerns. ghost: where the sheet should be, rig_from_rect, of rectangle `rectangle`; None
+    where the rig has no frame yet. expected: the working accuracy, m, after one View there.
+    """
+
+    kind: AdviceKind
+    sentence: str
+    cameras: tuple[str, ...] = ()
+    rectangle: str = ""
+    ghost: Pose | None = None
+    expected: float = float("nan")
+
+
+@dataclass(frozen=True, eq=False)
+class Situation:
+    """What is known when advice is asked for.
+
+    cameras: the names of all that run; views: the kept Views; target: the accuracy asked for, m, or None.
+    refused: ghosts the person could not reach; refused_pairs: cameras that could not be shown one sheet together.
+    """
+
+    cameras: tuple[str, ...]
+    rectangles: tuple[Rectangle, ...]
+    views: tuple[View, ...] = ()
+    rig: Rig | None = None
+    target: float | None = None
+    refused: tuple[Pose, ...] = ()
+    refused_pairs: frozenset[frozenset[str]] = field(default_factory=frozenset)
+
+
+def advise(situation: Situation) -> Advice:
+    """The one sentence that lowers the doubt most: show, connect, then the best next placement, then done."""
+    rig = situation.rig
+    unseen = _not_shown(situation)
+    if unseen is not None:
+        return unseen
+    parts = connected(situation.cameras, situation.views, situation.rectangles)
+    if len(parts) > 1:
+        return _connect(situation, parts)
+    if rig is None or len(rig.cameras) < len(situation.cameras):
+        return _unplaced(situation)
+    if situation.target is not None and rig.working_accuracy <= situation.target:
+        return Advice("done", good_for(rig) + "; press Enter to finish")
+    return best_placement(situation, rig) or Advice("done", good_for(rig) + "; press Enter to finish")
+
+
+def good_for(rig: Rig) -> str:
+    """The sentence that heads every result."""
+    return f"good for {millimetres(rig.working_accuracy)} in the volume you covered"
+
+
+def millimetres(metres: float) -> str:
+    """Two digits, in the unit a person would use."""
+    value = 1000 * metres
+    if not np.isfinite(value):
+        return "an unknown accuracy"
+    return f"{value:.2g} mm" if value < 100 else f"{value / 10:.0f} cm"
+
+
+def connected(
+    cameras: Sequence[str], views: Iterable[View], rectangles: Sequence[Rectangle]
+) -> tuple[tuple[str, ...], ...]:
+    """Groups of cameras that share rectangles, directly or through others; the largest first, by name."""
+    moving = {r.name for r in rectangles if r.moving}
+    group = {camera: camera for camera in cameras}
+
+    def root(camera: str) -> str:
+        while group[camera] != camera:
+            camera = group[camera]
+        return camera
+
+    first: dict[tuple[str, int], str] = {}
+    for view in views:
+        if view.camera in group:
+            key = (view.rectangle, view.frameset if view.rectangle in moving else -1)
+            group[root(view.camera)] = root(first.setdefault(key, view.camera))
+    parts: dict[str, list[str]] = {}
+    for camera in cameras:
+        parts.setdefault(root(camera), []).append(camera)
+    return tuple(sorted((tuple(part) for part in parts.values()), key=lambda part: (-len(part), part)))
+
+
+def _not_shown(situation: Situation) -> Advice | None:
+    """The camera that has seen least, while some have seen nothing to speak of."""
+    counts = dict.fromkeys(situation.cameras, 0)
+    for view in situation.views:
+        if view.camera in counts:
+            counts[view.camera] += 1
+    fewest = min(counts, key=lambda camera: (counts[camera], situation.cameras.index(camera)))
+    if counts[fewest] >= _FIRST_VIEWS:
+        return None
+    if counts[fewest]:
+        return Advice("tilt", f"{fewest}: tilt the sheet and show it again", (fewest,))
+    return Advice("show", f"{fewest} has not seen the sheet yet: hold it in front of {fewest}", (fewest,))
+
+
+def _connect(situation: Situation, parts: Sequence[tuple[str, ...]]) -> Advice:
+    """The pair of cameras of different groups that is likeliest to see one sheet together."""
+    pairs = [
+        (a, b)
+        for k, part in enumerate(parts)
+        for other in parts[k + 1 :]
+        for a in part
+        for b in other
+        if frozenset((a, b)) not in situation.refused_pairs
+    ]
+    if not pairs:
+        pairs = [(a, b) for a in parts[0] for part in parts[1:] for b in part]
+    first, second = min(pairs, key=lambda pair: _apart(situation, *pair))
+    return Advice(
+        "connect",
+        f"{first} and {second} share nothing yet: hold the sheet where both see it",
+        (first, second),
+    )
+
+
+def _apart(situation: Situation, first: str, second: str) -> tuple[float, int, int]:
+    """Framesets between the nearest Views of one moving sheet in both (a sheet on its way from one picture to the
+    other passes where they meet), then the order of the cameras."""
+    times = {camera: [v.frameset for v in situation.views if v.camera == camera] for camera in (first, second)}
+    gaps = [abs(a - b) for a in times[first] for b in times[second]]
+    order = situation.cameras.index
+    return (float(min(gaps, default=10**9)), order(first), order(second))
+
+
+def _unplaced(situation: Situation) -> Advice:
+    rig = situation.rig
+    placed = {camera.name for camera in rig.cameras} if rig else set()
+    lost = next((camera for camera in situation.cameras if camera not in placed), situation.cameras[0])
+    return Advice("tilt", f"{lost}: tilt the sheet more, and hold it where another camera sees it too", (lost,))
+
+
+def best_placement(situation: Situation, rig: Rig) -> Advice | None:
+    """The placement that lowers the rig's doubt most and why, in a sentence; None where nothing helps."""
+    volume = volume_of(rig)
+    weight = accuracy_weight(rig.cameras, volume)
+    before = float(np.trace(weight @ rig.covariance))
+    best: tuple[float, Placements, Array, Array, int] | None = None
+    for rectangle in _in_hand(situation.rectangles):
+        placements = imagine(rig.cameras, rectangle)
+        good = within_reach(rig.cameras, placements, volume) & ~_refused(placements, situation.refused)
+        good &= seen(rig.cameras, placements).any(1)
+        if not good.any():
+            continue
+        placements = placements[good]
+        sees = seen(rig.cameras, placements)
+        exact = expected_drop(rig.cameras, rig.covariance, weight, placements, sees, _noise(rig))
+        held = expected_drop_in_hand(rig.cameras, rig.covariance, weight, placements, exact, _noise(rig))
+        chosen = int(np.argmax(held))
+        if best is None or held[chosen] > best[0]:
+            best = (float(held[chosen]), placements, sees, exact, chosen)
+    if best is None or not best[0] > 0:
+        return None
+    drop, placements, sees, drops, chosen = best
+    kind, sentence, concerned = _why(rig, placements, sees, drops, chosen, weight)
+    after = float(np.sqrt(max(before - drop, 0)))
+    ghost = placements.rig_from_rect[chosen]
+    return Advice(kind, sentence, concerned, placements.rectangle.name, ghost, after)
+
+
+def _in_hand(rectangles: Sequence[Rectangle]) -> list[Rectangle]:
+    """The rectangles a person can hold elsewhere."""
+    return [rectangle for rectangle in rectangles if rectangle.moving]
+
+
+def _noise(rig: Rig) -> float:
+    return rig.noise if np.isfinite(rig.noise) and rig.noise > 0 else 1.0
+
+
+def _refused(placements: Placements, refused: Collection[Pose]) -> Array:
+    near = np.zeros(len(placements), bool)
+    for pose in refused:
+        offset = placements.rig_from_rect.translation - pose.translation
+        near |= np.linalg.norm(offset, axis=-1) < _REFUSED_METRES
+    return near
+
+
+def _why(
+    rig: Rig, placements: Placements, sees: Array, drops: Array, chosen: int, weight: Array
+) -> tuple[AdviceKind, str, tuple[str, ...]]:
+    """What makes the chosen placement better than its plainer neighbours: the change that costs most of the drop."""
+    camera = rig.cameras[int(placements.camera[chosen])].name
+    together = _shared_with(rig, placements, sees, chosen, weight)
+    row, fill = placements.region[chosen], placements.fill[chosen]
+    same_camera = placements.camera == placements.camera[chosen]
+    same_region = same_camera & (placements.region == row).all(1)
+    flat = same_region & (placements.fill == fill) & (placements.tilt == 0).all(1)
+    middle = same_camera & (placements.region == 0).all(1) & (placements.fill == fill)
+    elsewhere = same_region & (placements.fill != fill)
+    losses: dict[AdviceKind, float] = {}
+    if placements.tilt[chosen].any():
+        losses["tilt"] = _loss(drops, chosen, flat)
+    if row.any():
+        losses["region"] = _loss(drops, chosen, middle)
+    losses["nearer" if fill > 0.25 else "farther"] = 0.5 * _loss(drops, chosen, elsewhere)
+    if together:
+        losses["share"] = together[1]
+    kind = max(losses, key=lambda k: losses[k])
+    where = _REGION_WORDS[(int(row[0]), int(row[1]))]
+    if kind == "share" and together:
+        return kind, f"hold the sheet where {camera} and {together[0]} both see it", (camera, together[0])
+    if kind == "tilt":
+        side = "to one side" if placements.tilt[chosen][1] else "forward or back"
+        return kind, f"{camera}: tilt the sheet more, {side}", (camera,)
+    if kind == "region":
+        return kind, f"{camera}: {where} of the picture", (camera,)
+    if kind == "nearer":
+        return kind, f"{camera}: hold the sheet nearer to the camera", (camera,)
+    return kind, f"{camera}: hold the sheet farther from the camera", (camera,)
+
+
+def _loss(drops: Array, chosen: int, plainer: Array) -> float:
+    """Part of the drop that the best of the plainer placements does not give; all of it where there is none."""
+    return 1.0 if not plainer.any() else 1.0 - float(drops[plainer].max() / drops[chosen])
+
+
+def _shared_with(
+    rig: Rig, placements: Placements, sees: Array, chosen: int, weight: Array
+) -> tuple[str, float] | None:
+    """The other camera whose seeing the sheet too matters most, and the part of the drop that hangs on it."""
+    own = int(placements.camera[chosen])
+    others = [k for k in np.flatnonzero(sees[chosen]) if k != own]
+    if not others or not sees[chosen, own]:
+        return None
+    without = np.repeat(sees[[chosen]], len(others), axis=0)
+    without[np.arange(len(others)), others] = False
+    copies = placements[np.full(len(others), chosen)]
+    drops = expected_drop(rig.cameras, rig.covariance, weight, copies, without, _noise(rig))
+    full = expected_drop(rig.cameras, rig.covariance, weight, placements[[chosen]], sees[[chosen]], _noise(rig))
+    worst = int(np.argmin(drops))
+    return rig.cameras[int(others[worst])].name, 1.0 - float(drops[worst] / full[0])
+
+
+def reached(ghost: Pose, rig_from_rect: Pose) -> bool:
+    """Whether a sheet stands where the ghost does, as nearly as a person can hold it; turning it over its own
+    middle in its plane changes nothing."""
+    apart = float(np.linalg.norm(ghost.translation - rig_from_rect.translation))
+    cosine = float(ghost.rotation[:, 2] @ rig_from_rect.rotation[:, 2])
+    return apart < _REACHED_METRES and cosine > np.cos(_REACHED_ANGLE)

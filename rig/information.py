@@ -1,0 +1,156 @@
+"""What Views tell of a rig before they are taken: derivatives, information, and the doubt of triangulated points.
+
+The cameras' parameters stand in the order of Rig.covariance: for each camera nine of the lens, then the step of
+rig_from_camera (rotation, translation, in the rig frame).
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from quadrig.single.lens import LENS_PARAMETERS, project_with_derivatives
+from quadrig.single.pose import Pose
+from quadrig.single.rotation import Array, cross_matrix
+
+from .result import CAMERA_PARAMETERS, Camera
+
+
+def camera_derivatives(camera: Camera, points: Array) -> tuple[Array, Array, Array]:
+    """Pixels (..., 2) of points (..., 3) of the rig frame, by the camera (..., 2, 15) and by the point (..., 2, 3).
+
+    Columns of lens parameters that are not free are zero. nan where the camera cannot see the point.
+    """
+    pose = camera.rig_from_camera
+    arm = np.asarray(points, float) - pose.translation
+    in_camera = arm @ pose.rotation
+    if camera.intrinsics.model == "pinhole":
+        in_camera = np.where(in_camera[..., 2:] > 0, in_camera, np.nan)
+    pixels, by_lens, by_camera_point = project_with_derivatives(
+        camera.intrinsics.parameters, in_camera, camera.intrinsics.model
+    )
+    by_point = by_camera_point @ pose.rotation.T
+    by_camera = np.concatenate([by_lens * _free(camera), by_point @ cross_matrix(arm), -by_point], axis=-1)
+    return pixels, by_camera, by_point
+
+
+def rectangle_derivatives(by_point: Array, rig_from_rect: Pose, points: Array) -> Array:
+    """By the step of rig_from_rect (..., P, 2, 6), of by_point (..., P, 2, 3) and the points (P, 3) it has."""
+    arm = (rig_from_rect.rotation[..., None, :, :] @ points[..., None])[..., 0]
+    return np.concatenate([-by_point @ cross_matrix(arm), by_point], axis=-1)
+
+
+def camera_information(
+    cameras: Sequence[Camera],
+    rig_from_rect: Pose,
+    points: Array,
+    sees: Array,
+    sigma: float = 1.0,
+) -> Array:
+    """Information (15 C, 15 C) on the cameras of rectangles that stood at the poses (B,) of rig_from_rect.
+
+    points (P, 3): of the rectangle's frame; sees (B, C, P) bool: which camera saw which point; sigma: px. Each
+    pose is unknown by itself (a moving rectangle) and is eliminated by the Schur complement.
+    """
+    size = len(cameras) * CAMERA_PARAMETERS
+    total = np.zeros((size, size))
+    for by_cameras, by_rectangle in _rows(cameras, rig_from_rect, points, sees):
+        cross = by_cameras.T @ by_rectangle
+        total += by_cameras.T @ by_cameras - cross @ np.linalg.pinv(by_rectangle.T @ by_rectangle) @ cross.T
+    return total / sigma**2
+
+
+def _rows(cameras: Sequence[Camera], rig_from_rect: Pose, points: Array, sees: Array):
+    """For each pose: derivatives of all pixels by all cameras (2CP, 15C) and by the rectangle (2CP, 6)."""
+    count, size = len(cameras), len(cameras) * CAMERA_PARAMETERS
+    in_rig = rig_from_rect[:, None].transform(points)
+    derivatives = [camera_derivatives(camera, in_rig) for camera in cameras]
+    for pose in range(len(in_rig)):
+        by_cameras = np.zeros((count, 2 * len(points), size))
+        by_rectangle = np.zeros((count, 2 * len(points), 6))
+        for index, (_, by_camera, by_point) in enumerate(derivatives):
+            seen = np.repeat(sees[pose, index], 2)[:, None]
+            start = index * CAMERA_PARAMETERS
+            block = by_camera[pose].reshape(-1, CAMERA_PARAMETERS)
+            by_cameras[index, :, start : start + CAMERA_PARAMETERS] = np.where(seen, block, 0)
+            by_step = rectangle_derivatives(by_point[pose], rig_from_rect[pose], points)
+            by_rectangle[index] = np.where(seen, by_step.reshape(-1, 6), 0)
+        yield by_cameras.reshape(-1, size), by_rectangle.reshape(-1, 6)
+
+
+def covariance_of(cameras: Sequence[Camera], information: Array, reference: str, prior: Array | None = None) -> Array:
+    """Covariance (15 C, 15 C) where the reference camera's pose is the rig frame; zero rows for what is not free.
+
+    prior (9,): sigmas of the lens parameters before anything was seen (inf where nothing is known).
+    """
+    free = np.concatenate(
+        [np.concatenate([_free(c) > 0, np.full(6, c.name != reference)]).astype(bool) for c in cameras]
+    )
+    information = information.copy()
+    if prior is not None:
+        information[np.diag_indices(len(free))] += np.tile(np.concatenate([1 / prior**2, np.zeros(6)]), len(cameras))
+    covariance = np.zeros_like(information)
+    covariance[np.ix_(free, free)] = scaled_inverse(information[np.ix_(free, free)])
+    return covariance
+
+
+def scaled_inverse(matrix: Array) -> Array:
+    """Inverse of a symmetric matrix (N, N) whose rows have different units; what nothing tells of stays zero."""
+    scale = np.sqrt(np.maximum(np.diag(matrix), 0))
+    scale = np.where(scale > 0, scale, 1.0)
+    return np.linalg.pinv(matrix / np.outer(scale, scale), hermitian=True) / np.outer(scale, scale)
+
+
+def triangulation_derivatives(cameras: Sequence[Camera], points: Array, sees: Array) -> Array:
+    """How triangulated points (N, 3) move with the cameras' parameters: (N, 3, 15 C).
+
+    sees (C, N) bool: which camera takes part. nan for points that fewer than two cameras see.
+    """
+    by_point = np.zeros((len(points), len(cameras), 2, 3))
+    by_camera = np.zeros((len(points), len(cameras), 2, CAMERA_PARAMETERS))
+    for index, camera in enumerate(cameras):
+        _, one_by_camera, one_by_point = camera_derivatives(camera, points)
+        seen = sees[index][:, None, None]
+        by_camera[:, index], by_point[:, index] = np.where(seen, one_by_camera, 0), np.where(seen, one_by_point, 0)
+    normal = np.einsum("ncki,nckj->nij", by_point, by_point)
+    normal[sees.sum(0) < 2] = np.nan
+    moved = np.einsum("ncki,nckj->nicj", by_point, by_camera)
+    moved = moved.reshape(len(points), 3, -1)
+    result = np.full_like(moved, np.nan)
+    possible = np.isfinite(normal).all((1, 2))
+    result[possible] = -np.linalg.solve(normal[possible], moved[possible])
+    return result
+
+
+def visible(camera: Camera, points: Array, margin: float = 0.0) -> Array:
+    """Which points (..., 3) of the rig frame fall into the picture, `margin` px from its border. (...) bool."""
+    pixels = camera.intrinsics.project(
+        (points - camera.rig_from_camera.translation) @ camera.rig_from_camera.rotation
+    )
+    size = np.array([camera.intrinsics.width, camera.intrinsics.height])
+    with np.errstate(invalid="ignore"):
+        return ((pixels >= margin) & (pixels <= size - 1 - margin)).all(-1)
+
+
+def point_sigmas(cameras: Sequence[Camera], covariance: Array, points: Array) -> Array:
+    """Sigma (N,) in metres, along the worst axis, of points (N, 3) triangulated by the cameras that see them.
+
+    From the doubt of the calibration alone. nan for points that fewer than two cameras see.
+    """
+    points = np.asarray(points, float)
+    sees = np.stack([visible(camera, points) for camera in cameras])
+    derivatives = triangulation_derivatives(cameras, points, sees)
+    variances = derivatives @ covariance @ np.swapaxes(derivatives, -1, -2)
+    result = np.full(len(points), np.nan)
+    possible = np.isfinite(variances).all((1, 2))
+    result[possible] = np.sqrt(np.maximum(np.linalg.eigvalsh(variances[possible])[:, -1], 0))
+    return result
+
+
+def _free(camera: Camera) -> Array:
+    return np.array([name in camera.free_lens for name in LENS_PARAMETERS], float)
+
+
+def accuracy_of(sigmas: Array) -> float:
+    """One figure for a volume: the root mean square of the sigmas (N,) of its points; nan where none has one."""
+    known = sigmas[np.isfinite(sigmas)]
+    return float(np.sqrt(np.mean(known**2))) if len(known) else float("nan")

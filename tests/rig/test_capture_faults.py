@@ -1,0 +1,222 @@
+"""Faults of a capture, each made on purpose in a rendered picture or a simulated rig, and each named."""
+
+import cv2
+import numpy as np
+import pytest
+
+from quadrig.rig.capture_faults import (
+    blur_fault,
+    edge_widths,
+    exposure_fault,
+    held_still_fault,
+    is_news,
+    not_static_fault,
+    wrong_board_fault,
+)
+from quadrig.rig.printed_scale import relative_scales, scale_fault
+from quadrig.rig.result import Camera, PlacedRectangle, Rig, ViewFit
+from quadrig.single.lens import Intrinsics
+from quadrig.single.pose import Pose
+from quadrig.single.rectangle import CharucoMarking, Rectangle, TagMarking
+from quadrig.single.render import Sheet, render
+from quadrig.single.rotation import rotation_from_vector
+from quadrig.single.view import View
+
+LENS = Intrinsics.centred(640, 360, 500.0)
+TAG = Rectangle("tag", 0.16, 0.16, TagMarking("apriltag_36h11", 3), moving=True)
+FRAMESETS = 3
+DIAGONALS = {"cam0": float(np.hypot(640, 360))}
+
+
+def pose_of(turn=(0.3, -0.4, 0.2), place=(0.02, -0.01, 0.7)):
+    return Pose(rotation_from_vector(np.array(turn)), np.array(place))
+
+
+def view_of(pose, camera="cam0", rectangle=TAG, frameset=0):
+    return View(rectangle.name, rectangle.corners, LENS.project(pose.transform(rectangle.corners)), camera, frameset)
+
+
+def picture_of(pose=None, motion=None, **options):
+    sheet = Sheet(TAG, pose or pose_of(), motion=motion)
+    return render(LENS, Pose.identity(), [sheet], colour=False, noise=2.0, **options)
+
+
+def test_a_good_picture_has_no_fault():
+    grey, view = picture_of(blur=0.7), view_of(pose_of())
+    assert exposure_fault("cam0", grey, view) is None
+    assert blur_fault("cam0", edge_widths(grey, view)) is None
+
+
+@pytest.mark.parametrize("sigma", [0.8, 1.5, 3.0])
+def test_edge_widths_are_the_blur_that_was_put_in(sigma):
+    widths = edge_widths(
+        picture_of(pose_of(place=(0.02, -0.01, 0.4)), blur=sigma), view_of(pose_of(place=(0.02, -0.01, 0.4)))
+    )
+    # The pixel itself adds a box of sigma 0.29 and bilinear profiles as much again; the flanks below a tenth are cut.
+    assert widths.widest == pytest.approx(np.hypot(sigma, 0.4), rel=0.2)
+
+
+def test_defocus_is_called_focus():
+    fault = blur_fault("cam0", edge_widths(picture_of(blur=3.5), view_of(pose_of())))
+    assert fault is not None
+    assert fault.kind == "blur"
+    assert fault.sentence.startswith("cam0: the picture is out of focus")
+
+
+def test_a_moving_sheet_is_called_motion():
+    pose = pose_of(turn=(0.0, 0.0, 0.0), place=(0, 0, 0.5))
+    # 16 px along x during the exposure.
+    motion = np.array([0, 0, 0, 0.016, 0, 0])
+    fault = blur_fault("cam0", edge_widths(picture_of(pose, motion=motion, blur=0.6), view_of(pose)))
+    assert fault is not None
+    assert fault.kind == "motion"
+    assert "hold it still" in fault.sentence
+
+
+@pytest.mark.parametrize(("exposure", "kind"), [(2.6, "too bright"), (0.12, "too dark")])
+def test_exposure(exposure, kind):
+    fault = exposure_fault("cam0", picture_of(exposure=exposure), view_of(pose_of()))
+    assert fault is not None
+    assert fault.kind == kind
+    assert fault.camera == "cam0"
+
+
+def test_a_sheet_held_still_is_no_news_and_is_said_so():
+    first = view_of(pose_of())
+    trembling = view_of(pose_of(place=(0.022, -0.011, 0.7)))
+    elsewhere = view_of(pose_of(place=(0.15, -0.01, 0.7)))
+    assert not is_news([trembling], [first], DIAGONALS)
+    assert is_news([elsewhere], [first], DIAGONALS)
+    assert is_news([trembling], [], DIAGONALS)
+    assert held_still_fault(1.0) is None
+    fault = held_still_fault(6.0)
+    assert fault is not None
+    assert "move it" in fault.sentence
+
+
+def test_a_tag_that_rig_toml_does_not_name():
+    board = Rectangle("board", 0.3, 0.2, CharucoMarking(6, 4, 0.05, 0.037, "aruco_4x4_50"))
+    rectangles = [TAG, board]
+    assert wrong_board_fault({"cam0": [("apriltag_36h11", 3), ("aruco_4x4_50", 11)]}, rectangles) is None
+    # One stray tag beside a known one is somebody's poster, not the wrong sheet.
+    assert wrong_board_fault({"cam0": [("apriltag_36h11", 3), ("apriltag_36h11", 9)]}, rectangles) is None
+    fault = wrong_board_fault({"cam1": [("apriltag_36h11", 9)]}, rectangles)
+    assert fault is not None
+    assert "cam1 sees tag 9 of apriltag_36h11" in fault.sentence
+    assert "3 of apriltag_36h11" in fault.sentence
+
+
+def test_a_static_sheet_that_moves():
+    static = Rectangle("tag", 0.16, 0.16, TAG.marking)
+    kept = [view_of(pose_of()), view_of(pose_of(place=(0.2, 0, 0.7)), frameset=5)]
+    fault = not_static_fault(kept, [static], DIAGONALS)
+    assert fault is not None
+    assert "moving = true" in fault.sentence
+    assert not_static_fault(kept, [TAG], DIAGONALS) is None
+
+
+def rig_with_sizes(true_sizes, noise=0.1, seed=0):
+    """Three cameras and moving tags whose stated sizes are all 0.16 m: the best rig that believes the statement."""
+    from scipy.optimize import least_squares
+
+    rng = np.random.default_rng(seed)
+    lens = Intrinsics.centred(1280, 720, 1000.0)
+    cameras = [
+        Pose(rotation_from_vector(np.array([0, -0.3 * k, 0])), np.array([0.5 * k, 0, 0.1 * k])) for k in range(3)
+    ]
+    stated = [
+        Rectangle(f"tag{k}", 0.16, 0.16, TagMarking("apriltag_36h11", k), moving=True) for k in range(len(true_sizes))
+    ]
+    views, truth = [], []
+    for k, size in enumerate(true_sizes):
+        for frameset in range(FRAMESETS):
+            place = np.array([0.5, 0, 1.6]) + rng.uniform(-0.25, 0.25, 3)
+            pose = Pose(rotation_from_vector(rng.uniform(-0.6, 0.6, 3)), place)
+            truth.append(pose)
+            for index, camera in enumerate(cameras):
+                corners = stated[k].corners * size / 0.16
+                pixels = lens.project((camera.inverse() @ pose).transform(corners)) + noise * rng.standard_normal(
+                    (4, 2)
+                )
+                views.append(View(f"tag{k}", stated[k].corners, pixels, f"cam{index}", frameset, sigma=noise))
+
+    def poses(x):
+        steps = x.reshape(-1, 6)
+        placed = [cameras[0], *(c.retract(s) for c, s in zip(cameras[1:], steps, strict=False))]
+        return placed, [p.retract(s) for p, s in zip(truth, steps[2:], strict=True)]
+
+    def predicted(x):
+        placed, sheets = poses(x)
+        return [
+            lens.project(
+                (
+                    placed[int(v.camera[-1])].inverse() @ sheets[FRAMESETS * int(v.rectangle[-1]) + v.frameset]
+                ).transform(v.points)
+            )
+            for v in views
+        ]
+
+    def errors(x):
+        return np.concatenate([(v.pixels - p).ravel() for v, p in zip(views, predicted(x), strict=True)])
+
+    x = least_squares(errors, np.zeros(6 * (2 + len(truth)))).x
+    placed, sheets = poses(x)
+    fits = [ViewFit(v, v.pixels - p, np.ones(4, bool)) for v, p in zip(views, predicted(x), strict=True)]
+    rectangles = tuple(
+        PlacedRectangle(
+            rectangle,
+            Pose(
+                np.stack([p.rotation for p in sheets[FRAMESETS * k : FRAMESETS * (k + 1)]]),
+                np.stack([p.translation for p in sheets[FRAMESETS * k : FRAMESETS * (k + 1)]]),
+            ),
+            np.zeros((FRAMESETS, 6, 6)),
+            np.arange(FRAMESETS),
+        )
+        for k, rectangle in enumerate(stated)
+    )
+    solved = tuple(Camera(f"cam{k}", lens, pose, ("focal",)) for k, pose in enumerate(placed))
+    return Rig("cam0", solved, rectangles, np.zeros((45, 45)), tuple(fits), noise=noise)
+
+
+def test_sizes_that_agree():
+    assert scale_fault(rig_with_sizes([0.16, 0.16])) is None
+
+
+def test_two_sizes_that_disagree():
+    rig = rig_with_sizes([0.16, 0.1552])
+    scales = relative_scales(rig)
+    assert scales is not None
+    # One Gauss-Newton step of 3 % leaves an error of its square; three sigmas beside it.
+    assert scales.log_ratio[1] == pytest.approx(np.log(0.97), abs=3 * scales.sigma[1] + 0.002)
+    fault = scale_fault(rig)
+    assert fault is not None
+    assert "tag1 is" in fault.sentence
+    assert "% smaller" in fault.sentence
+
+
+@pytest.mark.parametrize("odd", [0, 2])
+def test_the_odd_one_of_three_is_named(odd):
+    sizes = [0.16, 0.16, 0.16]
+    sizes[odd] = 0.1648
+    fault = scale_fault(rig_with_sizes(sizes))
+    assert fault is not None
+    assert f"tag{odd} is" in fault.sentence
+    assert "% larger" in fault.sentence
+
+
+def test_sigma_of_the_scale_covers_its_error():
+    ratios = []
+    for seed in range(6):
+        scales = relative_scales(rig_with_sizes([0.16, 0.16], noise=0.3, seed=seed))
+        assert scales is not None
+        ratios.append(scales.log_ratio[1] / scales.sigma[1])
+    # Six draws of a unit normal: the root mean square lies in 0.3 to 2.0 in all but three in a thousand.
+    assert 0.3 < np.sqrt(np.mean(np.square(ratios))) < 2.0
+
+
+def test_views_of_other_shapes_do_no_harm():
+    far = view_of(pose_of(place=(0, 0, 6.0)))
+    widths = edge_widths(np.zeros((360, 640), np.uint8), far)
+    assert blur_fault("cam0", widths) is None
+    outside = View("tag", TAG.corners, view_of(pose_of()).pixels + 5000, "cam0")
+    assert exposure_fault("cam0", cv2.resize(picture_of(), (640, 360)), outside) is None
