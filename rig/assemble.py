@@ -129,7 +129,7 @@ def _why(problem: Problem, index: int, residuals: Array, joint: Joint) -> str:
     if shift:
         return f"its corners are in the wrong order: shifted by {shift}"
     median = float(np.nanmedian(length))
-    far = int((~(length < 5 * joint.noise * problem.views[index].sigma)).sum())
+    far = int((~(length < 5 * joint.noise * problem.sigmas[index])).sum())
     return f"{far} of {len(length)} corners are off, by {median:.1f} px in the middle: another id, or another instant"
 
 
@@ -147,7 +147,7 @@ def _shift(problem: Problem, index: int, joint: Joint) -> int:
     for shift in (1, 2, 3):
         error = np.linalg.norm(np.roll(view.pixels, shift, axis=0) - predicted, axis=-1)
         # Twice the usual limit: the pose of the rectangle comes from others, this View had no part in it.
-        if (error < 10 * joint.noise * view.sigma).all():
+        if (error < 10 * joint.noise * problem.sigmas[index]).all():
             return shift
     return 0
 

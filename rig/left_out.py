@@ -27,7 +27,7 @@ def left_out_squares(problem: Problem, joint: Joint) -> Array:
     for number in range(int(fold.max(initial=-1)) + 1):
         out = fold[joint.observations.node] == number
         if out.any() and not out.all():
-            squares = _squares_of(joint, out)
+            squares = _squares_of(joint, problem.sigmas, out)
             result[out] = squares[out]
     return result
 
@@ -47,7 +47,7 @@ def _folds(problem: Problem) -> Array:
     return np.array(folds, int)
 
 
-def _squares_of(joint: Joint, out: Array) -> Array:
+def _squares_of(joint: Joint, sigmas: Array, out: Array) -> Array:
     adjustment, freedom = joint.adjustment, joint.freedom
     observations, tables, state = joint.observations, adjustment.layout, adjustment.state
     gram = adjustment.linearised.gram
@@ -67,4 +67,4 @@ def _squares_of(joint: Joint, out: Array) -> Array:
     own = steps[observations.camera]
     chained = by_camera @ own[:, lens:, None] + by_node @ poses[observations.node][..., None]
     step = np.concatenate([own[:, :lens], chained[..., 0], -np.ones((len(own), 1))], axis=1)
-    return np.einsum("vi,vij,vj->v", step, gram, step) * joint.noise**2
+    return np.einsum("vi,vij,vj->v", step, gram, step) * (joint.noise * sigmas) ** 2

@@ -62,7 +62,7 @@ class Observations:
 def pack(
     points: Sequence[Array],
     pixels: Sequence[Array],
-    sigma: Sequence[float],
+    sigma: Array,
     camera: Array,
     node: Array,
     models: Sequence[LensModel],
@@ -92,7 +92,7 @@ def _group(
     size: int,
     points: Sequence[Array],
     pixels: Sequence[Array],
-    sigma: Sequence[float],
+    sigma: Array,
     sizes: Array,
     camera: Array,
     node: Array,

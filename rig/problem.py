@@ -45,13 +45,19 @@ class Problem:
         points = self.views[view].readings[reading]
         return points if rectangle.world_from_rect is None else rectangle.world_from_rect.transform(points)
 
+    @property
+    def sigmas(self) -> Array:
+        """Sigma (V,) of each View as a multiple of the median one: how sure corners are is learned from the data."""
+        told = np.array([view.sigma for view in self.views])
+        return told / np.median(told) if len(told) else told
+
     def observations(self, readings: Array | None = None) -> Observations:
         """The Views as arrays, each in the reading (V,) that is chosen."""
         chosen = np.zeros(len(self.views), int) if readings is None else readings
         return pack(
             [self.points(index, reading) for index, reading in enumerate(chosen)],
             [view.pixels for view in self.views],
-            [view.sigma for view in self.views],
+            self.sigmas,
             self.camera,
             self.node,
             ["pinhole" if c.intrinsics is None else c.intrinsics.model for c in self.cameras],

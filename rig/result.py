@@ -92,7 +92,7 @@ class Rig:
 
     covariance (15 C, 15 C): joint, over the cameras in order; each block is the nine lens parameters and the step of
     rig_from_camera (rotation, then translation, in the rig frame). Rows of fixed parameters are zero.
-    noise: the standard deviation of a pixel coordinate, px, as the data showed it.
+    noise: the standard deviation of a pixel coordinate, px, as the data showed it, of a View of median sigma.
     rms, left_out_rms: px, of the fit, and of framesets that took no part in it.
     working_accuracy: m, the sigma of a point triangulated in the volume where rectangles were seen (root mean
     square over the volume, of the largest axis), from the calibration's doubt alone.

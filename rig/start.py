@@ -92,7 +92,7 @@ def _alone(problem: Problem) -> Observations:
     return pack(
         [v.points for v in views],
         [v.pixels for v in views],
-        [v.sigma for v in views],
+        problem.sigmas,
         problem.camera,
         np.arange(len(views)),
         models,
