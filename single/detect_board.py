@@ -168,10 +168,23 @@ def detect_charuco(grey: Array, rectangle: Rectangle, found: dict[int, list[Arra
             pixels_found[good_again], sigma[good_again] = again[good_again], sigma_again[good_again]
             good |= good_again
     good &= _smooth(points, pixels_found, good, marking.square)
-    if np.count_nonzero(good) < 4 or np.linalg.matrix_rank(points[good] - points[good][0], tol=1e-9) < 2:
+    if not _spans_plane(points[good] / marking.square):
         return None
     flat = np.concatenate([points, np.zeros((len(points), 1))], axis=1)
     return View(rectangle.name, flat[good], pixels_found[good], sigma=_view_sigma(sigma[good]))
+
+
+def _spans_plane(points: Array) -> bool:
+    """Whether points (P, 2) fix a homography: four of them, no three of the four in one line."""
+    if len(points) < 4:
+        return False
+    ones, zero = np.ones((len(points), 1)), np.zeros((len(points), 3))
+    x = np.concatenate([points, ones], axis=1)
+    rows = [
+        np.concatenate([x, zero, -points[:, :1] * x], axis=1),
+        np.concatenate([zero, x, -points[:, 1:] * x], axis=1),
+    ]
+    return bool(np.linalg.matrix_rank(np.concatenate(rows), tol=1e-6) == 8)
 
 
 def _view_sigma(sigma: Array) -> float:
@@ -207,7 +220,9 @@ def _agreeing(tags: Array, pixels: Array) -> tuple[Array, Array]:
     return tags[near], pixels[near]
 
 
-def _predict(points: Array, known: Array, pixels: Array, marking: CharucoMarking, shape) -> tuple[Array, Array, Array]:
+def _predict(
+    points: Array, known: Array, pixels: Array, marking: CharucoMarking, shape
+) -> tuple[Array, Array, Array]:
     """Where board points (P, 2) should appear, by the homography of the known points nearest to each.
 
     Returns places (P, 2) px, axes (P, 2, 2) px of one square's sides, and which places are near known points.

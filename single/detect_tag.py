@@ -21,6 +21,14 @@ _FARTHEST = 2.5
 _WRONG_CELLS = 0.08
 # Grey levels between ink and paper below which nothing sure can be said.
 _LEAST_CONTRAST = 12.0
+# sigma (px) above which a fit has found no edge to hold on to.
+_WORST_SIGMA = 0.5
+# Side (px) of a tag at which the first fit is made: a bow of a fiftieth of it is within reach.
+_FIT_SIDE = 80.0
+# px to either side of an edge that the first and the last fit look at, where cells are wide enough.
+_WIDE, _CLOSE = 8.0, 4.0
+# Blur (px) beyond which an image of twice the size tells no more of an edge.
+_SOFT = 1.5
 # px that the model of a straight blurred edge is wrong by on real lenses, added to what noise explains.
 _MODEL_SIGMA = 0.02
 
@@ -74,22 +82,66 @@ def refine_tags(grey: Array, rough: Array, cells: int) -> tuple[Array, Array, Ar
 
     cells: along a side of the tag, its black border included.
     """
-    corners = rough
-    for _ in range(2):
-        corners, sigma, fit = fit_outline(grey, corners, _reach(corners, cells))
+    corners, sigma, contrast = np.empty_like(rough), np.empty(rough.shape[:2]), np.empty(rough.shape[:2])
+    levels = _levels(rough)
+    groups = [np.flatnonzero(levels == 0), *np.flatnonzero(levels > 0)[:, None]]
+    for group in (g for g in groups if len(g)):
+        corners[group], sigma[group], contrast[group] = _fit_from_level(grey, rough[group], cells, levels[group[0]])
     side = np.linalg.norm(np.roll(rough, -1, axis=1) - rough, axis=2).min(axis=1)
     moved = np.linalg.norm(corners - rough, axis=2).max(axis=1)
-    contrast = fit.contrast.reshape(-1, 4)
     sure = np.isfinite(corners).all(axis=(1, 2)) & (moved < _FARTHEST + 0.1 * side)
-    sure &= contrast.min(axis=1) > _LEAST_CONTRAST
+    sure &= (contrast.min(axis=1) > _LEAST_CONTRAST) & (sigma.max(axis=1) < _WORST_SIGMA)
     sure &= contrast.max(axis=1) < 4 * np.maximum(contrast.min(axis=1), 1)
     for index in np.flatnonzero(sure):
         sure[index] = _looks_whole(grey, corners[index], cells)
     return corners, np.hypot(np.sqrt(np.mean(sigma**2, axis=1)), _MODEL_SIGMA), sure
 
 
-def _reach(corners: Array, cells: int) -> Array:
-    """px across each side (N, 4) that hold its edge alone: four fifths of a cell, at most 4 px."""
+def _levels(corners: Array) -> Array:
+    """How often the image is halved (N,) until the tag's mean side is near _FIT_SIDE px."""
+    side = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2).mean(axis=1)
+    return np.maximum(0, np.rint(np.log2(side / _FIT_SIDE))).astype(int)
+
+
+def _fit_from_level(grey: Array, rough: Array, cells: int, top: int) -> tuple[Array, Array, Array]:
+    """Corners (N, 4, 2), sigma (N, 4) and contrast (N, 4) of sides, from the coarse image of level `top` down to 0.
+
+    A wide-angle lens bows the side of a large tag by more than the close search spans; in a coarse image it does not.
+    """
+    origin, crop = _crop(grey, rough, 2**top)
+    corners, bow, blur = rough - origin, None, np.zeros(rough.shape[:2])
+    for level in range(top, -1, -1):
+        scale = 2**level
+        image = cv2.resize(crop, None, fx=1 / scale, fy=1 / scale, interpolation=cv2.INTER_AREA) if level else crop
+        small = (corners + 0.5) / scale - 0.5
+        cell = _cell(small, cells)
+        if bow is None:
+            # First wide enough for the rough corners' error, then close to the edge found.
+            first, _, fit = fit_outline(image, small, np.clip(0.6 * cell, 1.0, _WIDE))
+            small = np.where(np.isfinite(first), first, small)
+            bow, blur = (part.reshape(-1, 4) * scale for part in (fit.coefficients[:, 2], fit.blur))
+        close = np.clip(0.8 * cell, 1.0, np.maximum(_CLOSE, 3 * blur / scale))
+        fitted, sigma, fit = fit_outline(image, small, close, bow / scale)
+        bow, blur = (part.reshape(-1, 4) * scale for part in (fit.coefficients[:, 2], fit.blur))
+        corners = (np.where(np.isfinite(fitted), fitted, small) + 0.5) * scale - 0.5
+        if np.median(blur) > _SOFT * scale:
+            break
+    return corners + origin, sigma * scale, fit.contrast.reshape(-1, 4)
+
+
+def _crop(grey: Array, corners: Array, scale: int) -> tuple[Array, Array]:
+    """The part of the image around the corners, and the pixel (2,) where it begins; whole steps of the scale."""
+    if scale == 1:
+        return np.zeros(2), grey
+    low = np.floor(corners.min(axis=(0, 1)) / scale - 8).clip(0).astype(int) * scale
+    high = np.ceil(corners.max(axis=(0, 1)) / scale + 8).astype(int) * scale
+    # A last row or column that is cut short would shift the whole of the halved image.
+    high = np.minimum(high, np.array(grey.shape[::-1]) // scale * scale)
+    return low.astype(float), grey[low[1] : high[1], low[0] : high[0]]
+
+
+def _cell(corners: Array, cells: int) -> Array:
+    """px across the outermost cells along each side (N, 4), where the tag is narrowest."""
     end = np.roll(corners, -1, axis=1)
     along = end - corners
     length = np.linalg.norm(along, axis=2)
@@ -97,7 +149,7 @@ def _reach(corners: Array, cells: int) -> Array:
     for k in (2, 3):
         other = np.roll(corners, -k, axis=1) - corners
         depth.append(np.abs(along[..., 0] * other[..., 1] - along[..., 1] * other[..., 0]) / length)
-    return np.clip(0.8 * np.minimum(*depth) / cells, 1.0, 4.0)
+    return np.minimum(*depth) / cells
 
 
 def _looks_whole(grey: Array, corners: Array, cells: int) -> bool:

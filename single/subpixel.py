@@ -17,7 +17,7 @@ _USUAL_BLUR, _BLUR_SPREAD = np.log(0.5), 0.7
 _SHARPEST, _SOFTEST = 0.1, 6.0
 # Bow (px over half a side of 50 px) that a strong wide-angle lens gives a straight edge; it grows with the square.
 _BOW = 0.5
-_ITERATIONS = 8
+_ITERATIONS = 12
 # Gauss-Newton ends when no place moved by more than this (px): a tenth of what the best picture can tell.
 _SETTLED = 1e-3
 # Grey levels of noise below which residuals are those of the model: rounding to whole levels alone leaves 0.29.
@@ -83,11 +83,14 @@ def _solve_damped(jacobian: Array, residual: Array, weight: Array, prior: Array,
     return (inverse @ gradient[..., None])[..., 0], inverse
 
 
-def fit_edges(image: Array, start: Array, end: Array, inside: Array, reach: Array, margin: Array) -> EdgeFit:
+def fit_edges(
+    image: Array, start: Array, end: Array, inside: Array, reach: Array, margin: Array, bow: Array | None = None
+) -> EdgeFit:
     """Fit the edges near the lines from start to end (N, 2) px in a grey image (h, w).
 
     inside (N, 2): a point on the darker or lighter inner side, which gives the normal its sense (it points away).
     reach (N,): px to either side that belong to this edge alone. margin (N,): px at both ends to leave out.
+    bow (N,): px by which the edge is known to bulge inwards between its ends (c2); straight where None.
     """
     along = end - start
     length = np.linalg.norm(along, axis=1)
@@ -95,37 +98,44 @@ def fit_edges(image: Array, start: Array, end: Array, inside: Array, reach: Arra
     normal = np.stack([tangent[:, 1], -tangent[:, 0]], axis=1)
     middle = (start + end) / 2
     normal *= -np.sign(np.sum((inside - middle) * normal, axis=1))[:, None]
-    u, offset, grey, valid = _edge_samples(image, middle, tangent, normal, length, reach, margin)
-    return _edge_iterations(u, offset, grey, valid, length, reach)
+    bow = np.zeros(len(start)) if bow is None else bow
+    u, offset, grey, valid = _edge_samples(image, middle, tangent, normal, length, reach, margin, bow)
+    return _edge_iterations(u, offset, grey, valid, length, reach, bow)
 
 
-def _edge_samples(image, middle, tangent, normal, length, reach, margin):
-    """Pixels in the bands along the lines, with their exact places: u along in [-1, 1], offset across in px."""
+def _edge_samples(image, middle, tangent, normal, length, reach, margin, bow):
+    """Pixels in the bands along the edges, with their exact places: u along in [-1, 1], offset across in px."""
     free = np.maximum(length - 2 * margin, 1.0)
     many = int(np.clip(np.max(free), 8, 160))
     wide = int(np.ceil(np.max(reach)))
     s = (np.linspace(-0.5, 0.5, many)[None, :, None]) * free[:, None, None]
-    n = np.arange(-wide, wide + 1)[None, None, :] * np.ones((1, many, 1))
+    bulge = bow[:, None, None] * ((2 * s / length[:, None, None]) ** 2 - 1)
+    n = np.arange(-wide, wide + 1)[None, None, :] + bulge
     points = middle[:, None, None] + s[..., None] * tangent[:, None, None] + n[..., None] * normal[:, None, None]
     whole = np.rint(points).astype(int)
     grey, valid = _grey(image, whole[..., 0], whole[..., 1])
     shift = whole - middle[:, None, None]
     u = np.sum(shift * tangent[:, None, None], axis=-1) / (length[:, None, None] / 2)
     offset = np.sum(shift * normal[:, None, None], axis=-1)
-    valid &= np.abs(offset) <= reach[:, None, None] + 0.5
+    valid &= np.abs(offset - bow[:, None, None] * (u**2 - 1)) <= reach[:, None, None] + 0.5
     flat = len(length), -1
     # A pixel of a short side is met several times; its weight is that of one pixel.
     repeat = np.minimum(1.0, free / many)[:, None]
     return u.reshape(flat), offset.reshape(flat), grey.reshape(flat), valid.reshape(flat) * repeat
 
 
-def _edge_iterations(u, offset, grey, weight, length, reach) -> EdgeFit:
+def _edge_iterations(u, offset, grey, weight, length, reach, start_bow) -> EdgeFit:
     count = len(length)
     parameters = np.zeros((count, 8))  # dark, its slope, contrast, its slope, c0, c1, c2, log blur
     total = np.maximum(weight.sum(axis=1), 1e-9)
-    bright, dark = _mean(grey, weight * (offset > 0.4 * reach[:, None])), _mean(grey, weight * (offset < -0.4 * reach[:, None]))
+    across = offset - start_bow[:, None] * (u**2 - 1)
+    bright = _mean(grey, weight * (across > 0.4 * reach[:, None]))
+    dark = _mean(grey, weight * (across < -0.4 * reach[:, None]))
+    parameters[:, 4], parameters[:, 6] = -start_bow, start_bow
     parameters[:, 0], parameters[:, 2] = dark, bright - dark
-    parameters[:, 7] = _USUAL_BLUR
+    # A step as soft as the band is wide feels the edge from afar; it sharpens as it comes nearer.
+    parameters[:, 7] = np.log(np.maximum(0.5, reach / 4))
+    farthest = np.maximum(1.0, reach / 4)[:, None]
     noise = np.full(count, 4.0)
     bow = _BOW * (length / 100) ** 2
     inverse = np.zeros((count, 8, 8))
@@ -139,7 +149,7 @@ def _edge_iterations(u, offset, grey, weight, length, reach) -> EdgeFit:
         pull = -parameters
         pull[:, 7] += _USUAL_BLUR
         step, inverse = _solve_damped(jacobian, residual, weight, prior, pull)
-        step[:, 4:7] = np.clip(step[:, 4:7], -1.0, 1.0)
+        step[:, 4:7] = np.clip(step[:, 4:7], -farthest, farthest)
         step[:, 7] = np.clip(step[:, 7], -0.5, 0.5)
         parameters += step
         parameters[:, 7] = np.clip(parameters[:, 7], np.log(_SHARPEST), np.log(_SOFTEST))
@@ -166,20 +176,21 @@ def _edge_model(parameters: Array, u: Array, offset: Array, grey: Array) -> tupl
     return residual, jacobian
 
 
-def fit_outline(image: Array, corners: Array, reach: Array, margin: Array | None = None):
+def fit_outline(image: Array, corners: Array, reach: Array, bow: Array | None = None):
     """Corners (N, 4, 2) px of quadrilaterals, from the four edges of each, with what the edges told.
 
     reach (N, 4): px to either side of the side from corner k to k + 1 that belong to that edge alone.
+    bow (N, 4): how far each side is known to bulge (c2 of an earlier fit), px.
     Returns corners (N, 4, 2), sigma (N, 4) px a coordinate, and the EdgeFit of all sides (4 N in order).
     """
     count = len(corners)
     start, end = corners.reshape(-1, 2), np.roll(corners, -1, axis=1).reshape(-1, 2)
     centre = np.repeat(corners.mean(axis=1), 4, axis=0)
     length = np.linalg.norm(end - start, axis=1)
-    if margin is None:
-        # Blur rounds a corner off within some two pixels of it.
-        margin = np.minimum(np.maximum(2.0, 0.06 * length), 0.25 * length)
-    fit = fit_edges(image, start, end, centre, reach.reshape(-1), margin)
+    # Blur rounds a corner off within some two pixels of it.
+    margin = np.minimum(np.maximum(2.0, 0.06 * length), 0.25 * length)
+    flat_bow = None if bow is None else bow.reshape(-1)
+    fit = fit_edges(image, start, end, centre, reach.reshape(-1), margin, flat_bow)
     refined, sigma = _meet(corners, fit)
     return refined.reshape(count, 4, 2), sigma.reshape(count, 4), fit
 
