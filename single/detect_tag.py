@@ -33,18 +33,24 @@ _SOFT = 1.5
 _MODEL_SIGMA = 0.02
 
 
-@lru_cache(maxsize=16)
-def _detector(dictionary: str) -> cv2.aruco.ArucoDetector:
+# Perimeter (px) of the smallest tag looked for: smaller ones cannot be told from texture. In pictures wider than
+# 1280 it grows with them, for the number of outlines to be looked at does.
+_LEAST_PERIMETER, _LEAST_PERIMETER_RATE = 38.4, 0.03
+
+
+@lru_cache(maxsize=64)
+def _detector(dictionary: str, perimeter_rate: float) -> cv2.aruco.ArucoDetector:
     parameters = cv2.aruco.DetectorParameters()
     parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_NONE
-    # The smallest tag looked for: a side of 12 px in a picture 1280 wide; smaller ones cannot be told from texture.
-    parameters.minMarkerPerimeterRate = 0.03
+    parameters.minMarkerPerimeterRate = perimeter_rate
     return cv2.aruco.ArucoDetector(tag_dictionary(dictionary), parameters)
 
 
 def find_tags(grey: Array, dictionary: str) -> dict[int, list[Array]]:
     """Rough corners (4, 2) px, top left first and clockwise on the printed tag, of every tag seen, by id."""
-    corners, ids, _ = _detector(dictionary).detectMarkers(grey)
+    # Rounded, so that windows of all sizes share few detectors.
+    rate = max(_LEAST_PERIMETER_RATE, round(_LEAST_PERIMETER / max(grey.shape), 2))
+    corners, ids, _ = _detector(dictionary, rate).detectMarkers(grey)
     found: dict[int, list[Array]] = {}
     if ids is not None:
         for tag_id, quad in zip(np.ravel(ids), corners, strict=True):
