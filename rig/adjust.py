@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from quadrig.single.pose import compose_jacobians
 from quadrig.single.rotation import Array
 
 from .elimination import Reduced, eliminate, node_steps, solve_cameras
@@ -20,6 +21,7 @@ from .normal_equations import (
     normal_equations,
 )
 from .observations import Observations
+from .slack import Softened, slack_steps, soften
 
 # A step that is expected to lower chi-square by less than this moves every parameter by less than a thousandth
 # of its own sigma: nothing that a result prints can change.
@@ -34,7 +36,8 @@ class Freedom:
     """What may change, and what is known beforehand.
 
     lens (C, 9) bool, pose (C,) bool, node (N,) bool. prior_mean, prior_information (C, 9): independent Gaussian
-    priors of the lens parameters, information in 1/sigma^2, zero for none.
+    priors of the lens parameters, information in 1/sigma^2, zero for none. slack_information (V, 6): of each View's
+    slack, infinite where it has none; None where no View has any.
     """
 
     lens: Array
@@ -42,6 +45,7 @@ class Freedom:
     node: Array
     prior_mean: Array
     prior_information: Array
+    slack_information: Array | None = None
 
     @property
     def columns(self) -> Array:
@@ -57,7 +61,7 @@ class Freedom:
 class Adjustment:
     """Where the adjustment ended. costs: chi-square (with priors) at each step that was kept.
 
-    linearised, normal: at the end, undamped; normal includes the priors.
+    linearised, normal: at the end, undamped; normal includes the priors. softened: what leads to the slack.
     """
 
     state: State
@@ -66,6 +70,7 @@ class Adjustment:
     normal: Normal
     layout: Layout
     columns: Array
+    softened: Softened | None = None
 
 
 def adjust(
@@ -81,68 +86,113 @@ def adjust(
 
     noise: sigma (px) of a pixel coordinate of weight 1. robust: Cauchy's loss instead of squares.
     """
-    tables = tables or layout(observations)
-    columns = freedom.columns
-    unknowns = freedom.unknowns(columns)
-    current = linearise(observations, state, columns, noise, robust)
-    cost = current.cost + _prior_cost(state, freedom)
-    normal = with_prior(normal_equations(observations, tables, state, current.gram), state, freedom, columns)
-    costs, damping = [cost], _FIRST_DAMPING
+    problem = _Adjusted(observations, freedom, tables or layout(observations), freedom.columns, noise, robust)
+    if freedom.slack_information is not None and state.slack is None:
+        state = replace(state, slack=np.zeros((len(observations.camera), 6)))
+    here = _expand(problem, state)
+    costs, damping = [here.cost], _FIRST_DAMPING
     while len(costs) <= most_steps:
-        found = _better(observations, tables, state, freedom, unknowns, normal, cost, damping, noise, robust)
+        found = _better(problem, here, damping)
         if found is None:
             break
-        state, current, expected, damping = found
-        cost = current.cost + _prior_cost(state, freedom)
-        costs.append(cost)
-        normal = with_prior(normal_equations(observations, tables, state, current.gram), state, freedom, columns)
+        here, expected, damping = found
+        costs.append(here.cost)
         if expected < _CONVERGED:
             break
-    return Adjustment(state, tuple(costs), current, normal, tables, columns)
+    return Adjustment(
+        here.state, tuple(costs), here.linearised, here.normal, problem.tables, problem.columns, here.softened
+    )
 
 
-def _better(
-    observations: Observations,
-    tables: Layout,
-    state: State,
-    freedom: Freedom,
-    unknowns: Array,
-    normal: Normal,
-    cost: float,
-    damping: float,
-    noise: float,
-    robust: bool,
-) -> tuple[State, Linearised, float, float] | None:
+@dataclass(frozen=True, eq=False)
+class _Adjusted:
+    """What stays the same through one adjustment."""
+
+    observations: Observations
+    freedom: Freedom
+    tables: Layout
+    columns: Array
+    noise: float
+    robust: bool
+
+
+@dataclass(frozen=True, eq=False)
+class _Expansion:
+    """The cost and its quadratic model at a state."""
+
+    state: State
+    cost: float
+    linearised: Linearised
+    normal: Normal
+    softened: Softened | None
+
+
+def _linearised(problem: _Adjusted, state: State) -> tuple[Linearised, float]:
+    found = linearise(problem.observations, state, problem.columns, problem.noise, problem.robust)
+    return found, found.cost + _prior_cost(state, problem.freedom)
+
+
+def _expand(problem: _Adjusted, state: State, known: tuple[Linearised, float] | None = None) -> _Expansion:
+    linearised, cost = known or _linearised(problem, state)
+    information, softened, gram = problem.freedom.slack_information, None, linearised.gram
+    if information is not None and state.slack is not None:
+        softened = soften(gram, state.slack, information)
+        gram = softened.gram
+    normal = normal_equations(problem.observations, problem.tables, state, gram)
+    return _Expansion(state, cost, linearised, with_prior(normal, state, problem.freedom, problem.columns), softened)
+
+
+def _better(problem: _Adjusted, here: _Expansion, damping: float) -> tuple[_Expansion, float, float] | None:
     """The next state of lower cost, the fall that was expected, and the next damping; None at a minimum."""
-    columns = freedom.columns
+    freedom, normal = problem.freedom, here.normal
+    unknowns = freedom.unknowns(problem.columns)
     while damping < _LAST_DAMPING:
         try:
-            reduced = eliminate(normal, tables, unknowns, freedom.node, damping)
+            reduced = eliminate(normal, problem.tables, unknowns, freedom.node, damping)
             steps = solve_cameras(reduced)
         except np.linalg.LinAlgError:
             damping *= 100
             continue
-        poses = node_steps(normal, tables, reduced, steps)
+        poses = node_steps(normal, problem.tables, reduced, steps)
         expected = float((steps * normal.camera_gradient * unknowns).sum() + (poses * normal.node_gradient).sum())
-        trial = _stepped(state, columns, steps, poses)
-        found = linearise(observations, trial, columns, noise, robust)
+        trial = _stepped(problem, here, steps, poses)
+        found = _linearised(problem, trial)
         # At the very minimum rounding decides whether the cost still falls: equal to its last digits is as good.
-        if found.cost + _prior_cost(trial, freedom) <= cost * (1 + 1e-14):
-            return trial, found, expected, damping / 10
+        if found[1] <= here.cost * (1 + 1e-14):
+            return _expand(problem, trial, found), expected, damping / 10
         if expected < _CONVERGED:
             return None
         damping = max(damping, 1e-6) * 10
     return None
 
 
-def _stepped(state: State, columns: Array, steps: Array, poses: Array) -> State:
+def _stepped(problem: _Adjusted, here: _Expansion, steps: Array, poses: Array) -> State:
+    state, count = here.state, len(problem.columns)
     lens = state.lens.copy()
-    lens[:, columns] += steps[:, : len(columns)]
-    return State(lens, state.camera_from_rig.retract(steps[:, len(columns) :]), state.rig_from_rect.retract(poses))
+    lens[:, problem.columns] += steps[:, :count]
+    slack = state.slack
+    if here.softened is not None and slack is not None:
+        chained = view_steps(problem.observations, state, steps, poses)
+        slack = slack + slack_steps(here.softened, chained)
+    return State(lens, state.camera_from_rig.retract(steps[:, count:]), state.rig_from_rect.retract(poses), slack)
+
+
+def view_steps(observations: Observations, state: State, steps: Array, poses: Array) -> Array:
+    """Steps (V, K + 6) of lens and chained camera_from_rect, of steps of the cameras (C, K + 6) and nodes (N, 6)."""
+    by_camera, by_node = compose_jacobians(
+        state.camera_from_rig[observations.camera], state.rig_from_rect[observations.node]
+    )
+    own, count = steps[observations.camera], steps.shape[1] - 6
+    chained = by_camera @ own[:, count:, None] + by_node @ poses[observations.node][..., None]
+    return np.concatenate([own[:, :count], chained[..., 0]], axis=1)
 
 
 def _prior_cost(state: State, freedom: Freedom) -> float:
-    return float((freedom.prior_information * freedom.lens * (state.lens - freedom.prior_mean) ** 2).sum())
+    cost = float((freedom.prior_information * freedom.lens * (state.lens - freedom.prior_mean) ** 2).sum())
+    if freedom.slack_information is not None and state.slack is not None:
+        held = np.where(np.isfinite(freedom.slack_information), freedom.slack_information, 0.0)
+        cost += float((held * state.slack**2).sum())
+    return cost
 
 
 def with_prior(normal: Normal, state: State, freedom: Freedom, columns: Array) -> Normal:

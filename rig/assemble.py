@@ -77,7 +77,7 @@ def node_covariances(joint: Joint) -> Array:
 
 def rectangles_of(problem: Problem, joint: Joint) -> tuple[PlacedRectangle, ...]:
     """Every rectangle that was placed; one whose Views were all thrown out is not."""
-    poses, covariances = joint.adjustment.state.rig_from_rect, node_covariances(joint)
+    poses, covariances = joint.predicted.rig_from_rect, node_covariances(joint)
     placed_nodes = {int(n) for n in np.unique(joint.observations.node[~joint.judged.rejected])}
     world = next((i for i, node in enumerate(problem.nodes) if node.rectangle == ""), None)
     placed = []
@@ -100,7 +100,7 @@ def rectangles_of(problem: Problem, joint: Joint) -> tuple[PlacedRectangle, ...]
 
 def fits_of(problem: Problem, joint: Joint, reading: Array) -> tuple[ViewFit, ...]:
     """Residuals of every View, and why those that were thrown out were."""
-    state, observations = joint.adjustment.state, joint.observations
+    state, observations = joint.predicted, joint.observations
     used: list[Array] = [np.zeros(0, bool)] * len(problem.views)
     residuals: list[Array] = [np.zeros((0, 2))] * len(problem.views)
     chained = state.camera_from_rect(observations)
@@ -154,7 +154,7 @@ def _shift(problem: Problem, index: int, joint: Joint) -> int:
 
 def edges_of(problem: Problem, joint: Joint, candidates: Candidates) -> tuple[Edge, ...]:
     """What each View said by itself against what the rig says, in the View's own uncertainty."""
-    chained = joint.adjustment.state.camera_from_rect(joint.observations)
+    chained = joint.predicted.camera_from_rect(joint.observations)
     step = candidates.camera_from_node.step_to(chained[candidates.view])
     information = np.linalg.inv(candidates.covariance)
     distance = np.sqrt(np.maximum(np.einsum("ki,kij,kj->k", step, information, step), 0) / 6)

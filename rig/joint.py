@@ -15,11 +15,18 @@ from .observations import Observations
 from .outliers import Judged, judge, noise_of, robust_noise
 from .principal_point import learned_sigma
 from .problem import Problem
+from .slack import learned_information
 from .start import LEAST_NOISE, Start, prior
 
 # Principal points of lenses people use lie this far from the middle (root mean square), as a share of the larger
 # side: measured on webcams (1.7 %), machine-vision cameras (3 %) and GoPros (0.5 %).
 PRINCIPAL_SIGMA = 0.02
+# The joint fit may leave this much more than the cameras each by themselves did before the Views of moving rectangles
+# are taken to be out of step: chance and first lenses leave a tenth or so.
+_OUT_OF_STEP = 1.5
+# Slack that learning starts from, rad and m: wide, since it converges from above in few rounds.
+_FIRST_SLACK = 0.02
+_SLACK_ROUNDS = 6
 # Rounds of throwing out and taking back corners: the second rarely changes anything.
 _ROUNDS = 3
 
@@ -29,7 +36,8 @@ class Joint:
     """The end of the joint adjustment.
 
     observations carry the final weights; judged says what was thrown out. covariance (C M, C M) over the columns of
-    the adjustment and the steps of camera_from_rig.
+    the adjustment and the steps of camera_from_rig. predicted: the state whose rectangle poses fit the pictures best
+    with no View straying: what the rig says of them, and what residuals are told against.
     """
 
     adjustment: Adjustment
@@ -42,6 +50,7 @@ class Joint:
     choices: LensChoices
     costs: tuple[float, ...]
     principal_sigma: float
+    predicted: State
 
 
 def solve_jointly(
@@ -52,6 +61,9 @@ def solve_jointly(
     freedom = _freedom(problem, observations, starting_lenses(problem), PRINCIPAL_SIGMA, fixed_camera, fixed_node)
     state = State(begin.lens, first.camera_from_rig, first.rig_from_node)
     state, noise, costs = _robust(observations, state, freedom, first, max(begin.noise, LEAST_NOISE))
+    if noise > _OUT_OF_STEP * begin.noise:
+        noise = begin.noise
+        state, freedom = _loosened(problem, observations, state, freedom, noise)
     judged = judge(observations, _squares(observations, state), noise)
     used = observations.with_weights(judged.weights)
     choices = choose_lenses(problem, used, state, freedom, noise)
@@ -76,6 +88,7 @@ def solve_jointly(
     adjustment = adjust(used, adjustment.state, freedom, noise)
     reduced = undamped(adjustment, freedom)
     covariance = reduced_inverse(reduced)
+    predicted = _without_slack(used, adjustment.state, freedom, noise)
     return Joint(
         adjustment,
         used,
@@ -87,7 +100,37 @@ def solve_jointly(
         choices,
         costs + adjustment.costs,
         principal_sigma,
+        predicted,
     )
+
+
+def _loosened(
+    problem: Problem, observations: Observations, state: State, freedom: Freedom, noise: float
+) -> tuple[State, Freedom]:
+    """State and freedom with slack for the Views of moving rectangles, its width learned."""
+    moving = np.array([problem.rectangles[view.rectangle].moving for view in problem.views])
+    if not moving.any():
+        return state, freedom
+    information = np.full((len(moving), 6), np.inf)
+    information[moving] = 1 / _FIRST_SLACK**2
+    freedom = replace(freedom, slack_information=information)
+    for _ in range(_SLACK_ROUNDS):
+        found = adjust(observations, state, freedom, noise, robust=True, most_steps=3)
+        state = found.state
+        assert found.softened is not None
+        assert state.slack is not None
+        freedom = replace(freedom, slack_information=learned_information(state.slack, found.softened, information))
+        information = freedom.slack_information
+    return state, freedom
+
+
+def _without_slack(used: Observations, state: State, freedom: Freedom, noise: float) -> State:
+    """The cameras as they are, rectangle poses by least squares of the residuals alone."""
+    if state.slack is None:
+        return state
+    still = np.zeros(used.cameras, bool)
+    fixed = replace(freedom, lens=np.zeros_like(freedom.lens), pose=still, slack_information=None)
+    return adjust(used, replace(state, slack=None), fixed, noise).state
 
 
 def _changeable(problem: Problem) -> Array:
@@ -141,4 +184,8 @@ def _noise(adjustment: Adjustment, used: Observations, freedom: Freedom, noise: 
     variance = np.diagonal(reduced_inverse(reduced)).reshape(reduced.free.shape)[:, : len(adjustment.columns)]
     held = (freedom.prior_information * freedom.lens)[:, adjustment.columns] * variance
     unknowns += float(freedom.lens.sum() - held.sum())
+    if adjustment.softened is not None and freedom.slack_information is not None:
+        loose = np.isfinite(freedom.slack_information)
+        pulled = np.where(loose, freedom.slack_information, 0.0)
+        unknowns += float((loose - pulled * np.einsum("vii->vi", adjustment.softened.inverse)).sum())
     return noise_of(chi_square, 2 * used.count - unknowns)

@@ -7,13 +7,12 @@ them. Equal to a fit without the fold to second order (shown by a test against r
 
 import numpy as np
 
-from quadrig.single.pose import compose_jacobians
 from quadrig.single.rotation import Array
 
-from .adjust import with_prior
+from .adjust import view_steps, with_prior
 from .elimination import eliminate, node_steps, solve_cameras
 from .joint import Joint
-from .normal_equations import Normal, normal_equations
+from .normal_equations import linearise, normal_equations
 from .problem import Problem
 
 # Five folds leave four fifths to fit: near enough to the whole that the figure speaks of the rig that is delivered.
@@ -50,21 +49,18 @@ def _folds(problem: Problem) -> Array:
 def _squares_of(joint: Joint, sigmas: Array, out: Array) -> Array:
     adjustment, freedom = joint.adjustment, joint.freedom
     observations, tables, state = joint.observations, adjustment.layout, adjustment.state
-    gram = adjustment.linearised.gram
-    kept = normal_equations(observations, tables, state, np.where(out[:, None, None], 0.0, gram))
+    weighing = adjustment.linearised.gram if adjustment.softened is None else adjustment.softened.gram
+    kept = normal_equations(observations, tables, state, np.where(out[:, None, None], 0.0, weighing))
     training = with_prior(kept, state, freedom, adjustment.columns)
     unknowns = freedom.unknowns(adjustment.columns)
     try:
         steps = solve_cameras(eliminate(training, tables, unknowns, freedom.node))
     except np.linalg.LinAlgError:
-        return np.full(len(gram), np.nan)
-    left: Normal = normal_equations(observations, tables, state, np.where(out[:, None, None], gram, 0.0))
+        return np.full(len(weighing), np.nan)
+    predicted = joint.predicted
+    gram = linearise(observations, predicted, adjustment.columns, joint.noise, False).gram
+    left = normal_equations(observations, tables, predicted, np.where(out[:, None, None], gram, 0.0))
     poses = node_steps(left, tables, eliminate(left, tables, unknowns, freedom.node), steps)
-    by_camera, by_node = compose_jacobians(
-        state.camera_from_rig[observations.camera], state.rig_from_rect[observations.node]
-    )
-    lens = len(adjustment.columns)
-    own = steps[observations.camera]
-    chained = by_camera @ own[:, lens:, None] + by_node @ poses[observations.node][..., None]
-    step = np.concatenate([own[:, :lens], chained[..., 0], -np.ones((len(own), 1))], axis=1)
+    step = view_steps(observations, predicted, steps, poses)
+    step = np.concatenate([step, -np.ones((len(step), 1))], axis=1)
     return np.einsum("vi,vij,vj->v", step, gram, step) * (joint.noise * sigmas) ** 2

@@ -6,17 +6,17 @@ Verdinelli and Wasserman 1995): a misfit costs, and so does a parameter that is 
 further fit is needed to compare the lenses.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from quadrig.single.lens import LENS_PARAMETERS
 from quadrig.single.rotation import Array
 
-from .adjust import Freedom, with_prior
-from .elimination import Reduced, eliminate, reduced_inverse, solve_cameras
+from .adjust import Freedom, adjust, undamped
+from .elimination import reduced_inverse, solve_cameras
 from .inputs import LensChoice
-from .normal_equations import State, layout, linearise, normal_equations
+from .normal_equations import State
 from .observations import Observations
 from .problem import Problem
 
@@ -99,12 +99,8 @@ def _full_step(
     observations: Observations, state: State, freedom: Freedom, everything: Array, noise: float
 ) -> tuple[Array, Array]:
     """Newton's step (C, 15) with all lens parameters free, and its covariance (15 C, 15 C)."""
-    open_freedom = Freedom(everything, freedom.pose, freedom.node, freedom.prior_mean, freedom.prior_information)
-    columns = np.arange(9)
-    tables = layout(observations)
-    gram = linearise(observations, state, columns, noise, False).gram
-    normal = with_prior(normal_equations(observations, tables, state, gram), state, open_freedom, columns)
-    reduced: Reduced = eliminate(normal, tables, open_freedom.unknowns(columns), freedom.node)
+    opened = replace(freedom, lens=everything)
+    reduced = undamped(adjust(observations, state, opened, noise, most_steps=0), opened)
     return solve_cameras(reduced), reduced_inverse(reduced)
 
 

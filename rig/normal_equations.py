@@ -27,15 +27,20 @@ _BEHIND_COST = 55.0
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """What is estimated: lenses (C, 9), camera_from_rig a batch (C,), rig_from_rect a batch (N,) over the nodes."""
+    """What is estimated: lenses (C, 9), camera_from_rig a batch (C,), rig_from_rect a batch (N,) over the nodes.
+
+    slack (V, 6): the step by which each View strays from the chain, where cameras are out of step; None for none.
+    """
 
     lens: Array
     camera_from_rig: Pose
     rig_from_rect: Pose
+    slack: Array | None = None
 
     def camera_from_rect(self, observations: Observations) -> Pose:
-        """Eq. 50 for every View: a batch (V,)."""
-        return self.camera_from_rig[observations.camera] @ self.rig_from_rect[observations.node]
+        """Eq. 50 for every View, with its slack: a batch (V,)."""
+        chained = self.camera_from_rig[observations.camera] @ self.rig_from_rect[observations.node]
+        return chained if self.slack is None else chained.retract(self.slack)
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,0 +1,68 @@
+"""Views that were not taken at quite the same instant: each may stray a little from the common rectangle pose.
+
+A moving rectangle has one pose in a frameset, but cameras out of step see it where it was a moment before or after.
+What such a View tells of its lens stays true; what it tells of where its camera stands does not. So its
+camera_from_rect may differ from the chain of Eq. 50 by a step of its own, its slack, with a Gaussian prior whose
+width is learned from the Views (random effects of a mixed model; Dempster, Laird and Rubin 1977 for the learning).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from quadrig.single.rotation import Array
+
+# Degrees of freedom of Student's t for the slack: low enough for stray Views to stray, high enough for a variance.
+_STUDENT = 4.0
+
+
+@dataclass(frozen=True, eq=False)
+class Softened:
+    """Gram matrices (V, K+7, K+7) with the slack of every View eliminated, and what leads back to the slack.
+
+    inverse (V, 6, 6): of the slack's own normal matrix. rows (V, 6, K+7): of the slack, over all columns.
+    """
+
+    gram: Array
+    inverse: Array
+    rows: Array
+
+
+def soften(gram: Array, slack: Array, information: Array) -> Softened:
+    """Eliminate slack (V, 6) with prior information (V, 6); where that is infinite the View has none."""
+    lens = gram.shape[-1] - 7
+    loose = np.isfinite(information).all(axis=1)
+    held = np.where(loose[:, None], information, 0.0)
+    rows = gram[:, lens : lens + 6, :].copy()
+    rows[:, :, -1] -= held * slack
+    own = gram[:, lens : lens + 6, lens : lens + 6] + held[:, :, None] * np.eye(6)
+    inverse = np.zeros_like(own)
+    inverse[loose] = np.linalg.inv(own[loose])
+    softened = gram - np.swapaxes(gram[:, lens : lens + 6, :], -1, -2) @ inverse @ rows
+    # The residual column alone carries the prior's pull; the row is its mirror, so that the matrix stays symmetric.
+    softened[:, -1, :] = softened[:, :, -1]
+    return Softened(softened, inverse, rows)
+
+
+def slack_steps(softened: Softened, steps: Array) -> Array:
+    """Steps (V, 6) of the slack that go with steps (V, K+6) of lens and chained camera_from_rect."""
+    pulled = softened.rows[:, :, -1:] - softened.rows[:, :, :-1] @ steps[..., None]
+    return (softened.inverse @ pulled)[..., 0]
+
+
+def learned_information(slack: Array, softened: Softened, information: Array) -> Array:
+    """Prior information (V, 6) of the slack by one step of expectation-maximisation from the last one.
+
+    Rotation and translation have one width each, and every View a weight of its own: slack follows Student's t, since
+    a rectangle is now held still and now swung. Views whose information is infinite have no slack and keep none.
+    """
+    loose = np.isfinite(information).all(axis=1)
+    result = np.full(slack.shape, np.inf)
+    if not loose.any():
+        return result
+    variance = (slack**2 + np.einsum("vii->vi", softened.inverse))[loose]
+    width = information[loose].max(axis=0)
+    weight = (_STUDENT + 6) / (_STUDENT + (variance * width).sum(axis=1))
+    for part in (slice(0, 3), slice(3, 6)):
+        result[loose, part] = (weight / (weight[:, None] * variance[:, part]).mean())[:, None]
+    return result
