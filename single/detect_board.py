@@ -7,6 +7,7 @@ from .dictionaries import canonical_dictionary, check_tag_id
 from .marking_image import charuco_tag_squares, starts_with_tag
 from .rectangle import CharucoMarking, ChessboardMarking, Rectangle, board_points
 from .rotation import Array
+from .saddle_grid import find_saddle_grid
 from .subpixel import CornerFit, fit_corners
 from .view import View
 
@@ -34,7 +35,7 @@ def detect_chessboard(grey: Array, rectangle: Rectangle, rough: Array | None = N
     """
     marking = rectangle.marking
     assert isinstance(marking, ChessboardMarking)
-    grid = _find_grid(grey, marking.columns - 1, marking.rows - 1) if rough is None else rough
+    grid = find_saddle_grid(grey, marking.columns - 1, marking.rows - 1) if rough is None else rough
     if grid is None:
         return None
     grid = _right_handed(grid)
@@ -55,15 +56,6 @@ def detect_chessboard(grey: Array, rectangle: Rectangle, rough: Array | None = N
         alternatives=tuple(points[other[back]] for other in readings[1:]),
         sigma=_view_sigma(fit.sigma),
     )
-
-
-def _find_grid(grey: Array, columns: int, rows: int) -> Array | None:
-    """Rough corners (rows, columns, 2) px of a chessboard of columns x rows inner corners."""
-    quick = cv2.CALIB_CB_ADAPTIVE_THRESH + cv2.CALIB_CB_NORMALIZE_IMAGE + cv2.CALIB_CB_FAST_CHECK
-    found, corners = cv2.findChessboardCorners(grey, (columns, rows), flags=quick)
-    if not found:
-        found, corners = cv2.findChessboardCornersSB(grey, (columns, rows), flags=cv2.CALIB_CB_NORMALIZE_IMAGE)
-    return np.asarray(corners, float).reshape(rows, columns, 2) if found else None
 
 
 def _right_handed(grid: Array) -> Array:
