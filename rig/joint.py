@@ -15,7 +15,7 @@ from .observations import Observations
 from .outliers import Judged, judge, noise_of, robust_noise
 from .principal_point import learned_sigma
 from .problem import Problem
-from .slack import learned_information
+from .slack import learned_information, strays
 from .start import LEAST_NOISE, Start, prior
 
 # Principal points of lenses people use lie this far from the middle (root mean square), as a share of the larger
@@ -64,7 +64,7 @@ def solve_jointly(
     if noise > _OUT_OF_STEP * begin.noise:
         noise = begin.noise
         state, freedom = _loosened(problem, observations, state, freedom, noise)
-    judged = judge(observations, _squares(observations, state), noise)
+    judged = _judge(observations, state, freedom, noise)
     used = observations.with_weights(judged.weights)
     choices = choose_lenses(problem, used, state, freedom, noise)
     state = replace(state, lens=np.where(choices.free | ~_changeable(problem), state.lens, freedom.prior_mean))
@@ -76,7 +76,7 @@ def solve_jointly(
         costs += adjustment.costs
         learned = learned_sigma(problem, adjustment, freedom, PRINCIPAL_SIGMA)
         noise = _noise(adjustment, used, freedom, noise)
-        again = judge(observations, _squares(observations, state), noise)
+        again = _judge(observations, state, freedom, noise)
         same = all(np.array_equal(a > 0, b > 0) for a, b in zip(again.weights, judged.weights, strict=True))
         if same and learned == principal_sigma:
             break
@@ -131,6 +131,18 @@ def _without_slack(used: Observations, state: State, freedom: Freedom, noise: fl
     still = np.zeros(used.cameras, bool)
     fixed = replace(freedom, lens=np.zeros_like(freedom.lens), pose=still, slack_information=None)
     return adjust(used, replace(state, slack=None), fixed, noise).state
+
+
+def _judge(observations: Observations, state: State, freedom: Freedom, noise: float) -> Judged:
+    """Corners by their residual, and Views of moving rectangles by how far they stray."""
+    judged = judge(observations, _squares(observations, state), noise)
+    if state.slack is None or freedom.slack_information is None:
+        return judged
+    stray = strays(state.slack, freedom.slack_information)
+    weights = [
+        np.where(stray[g.view][:, None], 0.0, w) for g, w in zip(observations.groups, judged.weights, strict=True)
+    ]
+    return Judged(tuple(weights), judged.rejected | stray)
 
 
 def _changeable(problem: Problem) -> Array:

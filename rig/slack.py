@@ -15,6 +15,10 @@ from quadrig.single.rotation import Array
 # Degrees of freedom of Student's t for the slack: low enough for stray Views to stray, high enough for a variance.
 _STUDENT = 4.0
 
+# Student's t of those degrees of freedom leaves one View in a hundred thousand beyond this many widths (root mean
+# square over the six): such a View was taken at another instant. Nearer ones keep a voice, as loud as t lets them.
+_STRAY = 15.0
+
 
 @dataclass(frozen=True, eq=False)
 class Softened:
@@ -66,3 +70,13 @@ def learned_information(slack: Array, softened: Softened, information: Array) ->
     for part in (slice(0, 3), slice(3, 6)):
         result[loose, part] = (weight / (weight[:, None] * variance[:, part]).mean())[:, None]
     return result
+
+
+def strays(slack: Array, information: Array) -> Array:
+    """Views (V,) bool whose slack is far beyond the width that the Views together have."""
+    loose = np.isfinite(information).all(axis=1)
+    if not loose.any():
+        return np.zeros(len(slack), bool)
+    # Information falls with a View's own weight: the width of Student's t is that of the Views that stray least.
+    width = np.median(information[loose], axis=0)
+    return loose & ((slack**2 * width).sum(axis=1) > 6 * _STRAY**2)
