@@ -16,7 +16,7 @@ from .rotation import Array
 from .twin import mirrored
 
 # Half the width of a 95 % interval in sigmas.
-_NORMAL_95 = 1.959964
+NORMAL_95 = 1.959964
 # A chi2 this many of its own standard deviations above its mean is not what noise does: another optimum may be lower.
 _SURPRISE = 5.0
 # Focals, as shares of the picture's half width, to start from where the corners alone give none: from a wide lens
@@ -52,7 +52,7 @@ class Solution:
         """The 95 % interval (...) of the focal, px: symmetric in 1/f, in which a weak view is nearly linear, so that
         it may reach infinity."""
         inverse = 1 / self.focal
-        spread = _NORMAL_95 * self.focal_sigma * inverse**2
+        spread = NORMAL_95 * self.focal_sigma * inverse**2
         with np.errstate(divide="ignore"):
             return 1 / (inverse + spread), np.where(inverse > spread, 1 / np.maximum(inverse - spread, 0), np.inf)
 
@@ -258,7 +258,7 @@ def _solution(task: _Task, batch: tuple[int, ...]) -> Solution:
 
 def _weak(fit: PinholeFit) -> NDArray[np.bool_]:
     """Where the 95 % interval of the focal reaches infinity."""
-    return ~(_NORMAL_95 * np.sqrt(fit.covariance[:, 0, 0]) < fit.focal)
+    return ~(NORMAL_95 * np.sqrt(fit.covariance[:, 0, 0]) < fit.focal)
 
 
 def _with_other_starts(task: _Task, fit: PinholeFit, usable: NDArray[np.bool_]) -> PinholeFit:

@@ -3,10 +3,16 @@
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .pinhole_fit import fit_pinhole
 from .pose import Pose
 from .rotation import Array
+
+
+# Rotations nearer than this (rad) are one optimum: searches stop a ten-thousandth of a sigma from it, and two optima
+# that close would be one under any noise.
+_SAME = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -14,13 +20,19 @@ class Twins:
     """Both candidates of a planar pose for a given focal, the likelier first.
 
     cam_from_rect: a batch (..., 2); chi2 (..., 2): sums of squares over sigma^2; covariance (..., 2, 6, 6) of the
-    step of cam_from_rect; converged (..., 2).
+    step of cam_from_rect; converged (..., 2). Where perspective is so strong that the other tilt is no optimum at
+    all, there is no twin: both poses are the one there is and the second chi2 is infinite.
     """
 
     cam_from_rect: Pose
     chi2: Array
     covariance: Array
     converged: Array
+
+    @property
+    def exists(self) -> NDArray[np.bool_]:
+        """Whether there is a twin (...)."""
+        return np.isfinite(self.chi2[..., 1])
 
     @property
     def log_likelihood_ratio(self) -> Array:
@@ -56,7 +68,7 @@ def twin_poses(
     """Both local optima of the pose for a known focal, each at its maximum of likelihood.
 
     points (..., P, 2 or 3) metres, pixels (..., P, 2) nan where unseen, focal (...) px, principal_point (..., 2) px,
-    start: either pose, a batch (...). Where both starts lead to one pose there is no twin: both entries are it.
+    start: either pose, a batch (...).
     """
     pixels = np.asarray(pixels, float)
     batch = pixels.shape[:-2]
@@ -75,13 +87,17 @@ def twin_poses(
         principal_point_sigma,
         focal_known=True,
     )
-    order = np.argsort(np.where(np.isfinite(fit.chi2), fit.chi2, np.inf), axis=-1, kind="stable")
+    chi2 = np.where(np.isfinite(fit.chi2), fit.chi2, np.inf)
+    rotation = fit.cam_from_rect.rotation
+    apart = np.abs(rotation[..., 0, :, :] - rotation[..., 1, :, :]).max(axis=(-1, -2)) > _SAME
+    chi2[..., 1] = np.where(apart, chi2[..., 1], np.inf)
+    order = np.argsort(chi2, axis=-1, kind="stable")
     return Twins(
         Pose(
             np.take_along_axis(fit.cam_from_rect.rotation, order[..., None, None], axis=-3),
             np.take_along_axis(fit.cam_from_rect.translation, order[..., None], axis=-2),
         ),
-        np.take_along_axis(fit.chi2, order, axis=-1),
+        np.take_along_axis(chi2, order, axis=-1),
         np.take_along_axis(fit.covariance[..., 3:, 3:], order[..., None, None], axis=-3),
         np.take_along_axis(fit.converged, order, axis=-1),
     )
