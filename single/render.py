@@ -93,7 +93,7 @@ def render(
     """The picture, uint8 (h, w, 3) blue green red, or (h, w) where colour is False.
 
     background: a Room, what `backdrop` made of it (h, w, 3) or (h, w), or one tone. samples: rays a pixel along
-    each axis. blur: sigma of the lens's Gaussian, px. noise: sigma of the sensor's, grey levels (needs rng; a
+    each axis. blur: sigma of the lens's Gaussian, px (the sheets'; a room is soft already). noise: sigma of the sensor's, grey levels (needs rng; a
     generator of seed 0 where None). vignetting: share of light lost in the image's corners.
     """
     grid = camera if isinstance(camera, RayGrid) else ray_grid(camera)
@@ -102,8 +102,8 @@ def render(
     depth, owner = np.full(shape, np.inf, np.float32), np.full(shape, -1, np.int16)
     distances = [np.linalg.norm(camera_from_world.transform(s.world_from_rect.translation)) for s in sheets]
     for index in np.argsort(distances)[::-1]:
-        _paint(image, depth, owner, int(index), sheets[index], grid, camera_from_world, samples)
-    return _expose(image, blur, noise, exposure, vignetting, rng)
+        _paint(image, depth, owner, int(index), sheets[index], grid, camera_from_world, samples, blur)
+    return _expose(image, noise, exposure, vignetting, rng)
 
 
 def _background(grid: RayGrid, camera_from_world: Pose, background: Room | Array | float, colour: bool) -> Array:
@@ -128,20 +128,23 @@ def _paint(
     grid: RayGrid,
     camera_from_world: Pose,
     samples: int,
+    blur: float,
 ) -> None:
     cam_from_rects = [camera_from_world @ pose for pose in _instants(sheet, camera_from_world, grid.intrinsics.focal)]
-    box = _box_of_all(cam_from_rects, sheet, grid)
+    box = _box_of_all(cam_from_rects, sheet, grid, int(np.ceil(3 * blur)))
     if box is None:
         return
     tone = alpha = nearest = None
     # Instants of a motion lie apart like samples do: together they are as many as asked for.
     samples = max(1, -(-samples // len(cam_from_rects)))
     for cam_from_rect in cam_from_rects:
-        step_tone, step_alpha, step_depth = _cast(cam_from_rect, sheet, grid.rays[box], samples)
+        step_tone, step_alpha, step_depth = _cast(cam_from_rect, sheet, grid.rays[box], samples, blur)
         tone = step_tone if tone is None else tone + step_tone
         alpha = step_alpha if alpha is None else alpha + step_alpha
         nearest = step_depth if nearest is None else np.minimum(nearest, step_depth)
-    assert tone is not None and alpha is not None and nearest is not None
+    assert tone is not None
+    assert alpha is not None
+    assert nearest is not None
     tone, alpha = tone / len(cam_from_rects), alpha / len(cam_from_rects)
     gap = nearest - depth[box]
     on_top = (gap < -_THICKNESS) | ((gap < _THICKNESS) & (index > owner[box]))
@@ -182,8 +185,8 @@ def _plane_hits(cam_from_rect: Pose, rays: Array) -> tuple[Array, Array, Array, 
     return x, y, distance, direction[..., 2] > 0
 
 
-def _box_of_all(cam_from_rects: list[Pose], sheet: Sheet, grid: RayGrid) -> tuple[slice, slice] | None:
-    """Rows and columns of the image that hold the sheet at any instant, or None where it is out of sight."""
+def _box_of_all(cam_from_rects: list[Pose], sheet: Sheet, grid: RayGrid, border: int) -> tuple[slice, slice] | None:
+    """Rows and columns of the image that hold the sheet at any instant, with a border of px, or None."""
     coarse = grid.rays[::_STRIDE, ::_STRIDE]
     half_width, half_height = sheet.size[0] / 2, sheet.size[1] / 2
     covered = np.zeros(coarse.shape[:2], bool)
@@ -195,14 +198,14 @@ def _box_of_all(cam_from_rects: list[Pose], sheet: Sheet, grid: RayGrid) -> tupl
     if not covered.any():
         return None
     rows, columns = np.flatnonzero(covered.any(axis=1)), np.flatnonzero(covered.any(axis=0))
-    grow = _STRIDE + 2
+    grow = _STRIDE + 2 + border
     return (
         slice(max(0, rows[0] * _STRIDE - grow), rows[-1] * _STRIDE + grow + 1),
         slice(max(0, columns[0] * _STRIDE - grow), columns[-1] * _STRIDE + grow + 1),
     )
 
 
-def _cast(cam_from_rect: Pose, sheet: Sheet, rays: Array, samples: int) -> tuple[Array, Array, Array]:
+def _cast(cam_from_rect: Pose, sheet: Sheet, rays: Array, samples: int, blur: float) -> tuple[Array, Array, Array]:
     """Light of the sheet times its cover, its cover, and its distance, for rays (h, w, 3)."""
     x, y, distance, front = _plane_hits(cam_from_rect, rays)
     height, width = x.shape
@@ -214,7 +217,11 @@ def _cast(cam_from_rect: Pose, sheet: Sheet, rays: Array, samples: int) -> tuple
         size = (width * samples, height * samples)
         map_x, map_y = cv2.resize(map_x, size), cv2.resize(map_y, size)
     fine = cv2.remap(texture, map_x, map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=0)
-    mean = cv2.resize(fine.astype(np.float32), (width, height), interpolation=cv2.INTER_AREA) if samples > 1 else fine
+    if blur > 0:
+        # Before the pixels gather it, as in a lens: on whole pixels a small blur would not be a Gaussian.
+        fine = cv2.GaussianBlur(fine, (0, 0), blur * samples, borderType=cv2.BORDER_REPLICATE)
+    fine = fine.astype(np.float32)
+    mean = cv2.resize(fine, (width, height), interpolation=cv2.INTER_AREA) if samples > 1 else fine
     printed, alpha = mean[..., 0] * np.float32(1 / 255), mean[..., 1] * np.float32(1 / 255)
     tone = np.where(front, _INK * alpha + (sheet.tone - _INK) * printed, sheet.tone * alpha)
     return tone * np.float32(_shade(cam_from_rect)), alpha, distance
@@ -258,14 +265,11 @@ def _bordered(picture: Array) -> Array:
 
 def _expose(
     image: Array,
-    blur: float,
     noise: float,
     exposure: float,
     vignetting: float,
     rng: np.random.Generator | None,
 ) -> Array:
-    if blur > 0:
-        image = cv2.GaussianBlur(image, (0, 0), blur)
     gain = np.float32(255 * exposure)
     height, width = image.shape[:2]
     if vignetting > 0:

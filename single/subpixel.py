@@ -18,6 +18,8 @@ _SHARPEST, _SOFTEST = 0.1, 6.0
 # Bow (px over half a side of 50 px) that a strong wide-angle lens gives a straight edge; it grows with the square.
 _BOW = 0.5
 _ITERATIONS = 12
+# Blur (px) from which the pixel's square is as good as a little more blur of the same variance (to 0.002 px).
+_PIXEL_IS_SMALL = 0.8
 # Gauss-Newton ends when no place moved by more than this (px): a tenth of what the best picture can tell.
 _SETTLED = 1e-3
 # Grey levels of noise below which residuals are those of the model: rounding to whole levels alone leaves 0.29.
@@ -51,9 +53,14 @@ class CornerFit:
 
 
 def _step(distance: Array, blur: Array) -> tuple[Array, Array, Array]:
-    """A step from 0 to 1, blurred by a Gaussian and by the square of a pixel, with its slopes by distance and blur."""
+    """A step from 0 to 1 under a Gaussian blur and the square of a pixel, with its slopes by distance and blur."""
     from scipy.special import ndtr
 
+    if np.min(blur, initial=np.inf) > _PIXEL_IS_SMALL:
+        wide = np.sqrt(blur * blur + np.float32(1 / 12))
+        scaled = distance / wide
+        slope = _bell(scaled) / wide
+        return ndtr(scaled), slope, -scaled * slope * (blur / wide)
     upper, lower = (distance + 0.5) / blur, (distance - 0.5) / blur
     cdf_upper, cdf_lower = ndtr(upper), ndtr(lower)
     pdf_upper, pdf_lower = _bell(upper), _bell(lower)
@@ -62,23 +69,23 @@ def _step(distance: Array, blur: Array) -> tuple[Array, Array, Array]:
 
 
 def _bell(x: Array) -> Array:
-    return np.exp(-0.5 * x * x) * 0.3989422804014327
+    return np.exp(-0.5 * x * x) * np.float32(0.3989422804014327)
 
 
 def _grey(image: Array, columns: Array, rows: Array) -> tuple[Array, Array]:
     """Grey values at whole pixels, and which of them lie in the image."""
     height, width = image.shape
     inside = (columns >= 0) & (rows >= 0) & (columns < width) & (rows < height)
-    return image[np.clip(rows, 0, height - 1), np.clip(columns, 0, width - 1)].astype(float), inside
+    return image[np.clip(rows, 0, height - 1), np.clip(columns, 0, width - 1)].astype(np.float32), inside
 
 
 def _solve_damped(jacobian: Array, residual: Array, weight: Array, prior: Array, pull: Array):
     """Step (N, K) and inverse normal matrix (N, K, K) of weighted least squares with prior precisions (N, K)."""
-    weighted = jacobian * weight[..., None]
-    normal = np.swapaxes(weighted, -1, -2) @ jacobian
+    weighted = np.swapaxes(jacobian * weight[..., None], -1, -2)
+    normal = (weighted @ jacobian).astype(float)
     index = np.arange(normal.shape[-1])
     normal[:, index, index] += prior + 1e-9 * normal[:, index, index] + 1e-12
-    gradient = (np.swapaxes(weighted, -1, -2) @ residual[..., None])[..., 0] + prior * pull
+    gradient = (weighted @ residual[..., None])[..., 0] + prior * pull
     inverse = np.linalg.pinv(normal, hermitian=True) if not np.isfinite(normal).all() else np.linalg.inv(normal)
     return (inverse @ gradient[..., None])[..., 0], inverse
 
@@ -121,7 +128,8 @@ def _edge_samples(image, middle, tangent, normal, length, reach, margin, bow):
     flat = len(length), -1
     # A pixel of a short side is met several times; its weight is that of one pixel.
     repeat = np.minimum(1.0, free / many)[:, None]
-    return u.reshape(flat), offset.reshape(flat), grey.reshape(flat), valid.reshape(flat) * repeat
+    parts = u, offset, grey, valid * repeat[..., None]
+    return tuple(part.reshape(flat).astype(np.float32) for part in parts)
 
 
 def _edge_iterations(u, offset, grey, weight, length, reach, start_bow) -> EdgeFit:
@@ -139,21 +147,25 @@ def _edge_iterations(u, offset, grey, weight, length, reach, start_bow) -> EdgeF
     noise = np.full(count, 4.0)
     bow = _BOW * (length / 100) ** 2
     inverse = np.zeros((count, 8, 8))
-    for iteration in range(_ITERATIONS):
-        residual, jacobian = _edge_model(parameters, u, offset, grey)
-        noise = np.sqrt(np.sum(weight * residual**2, axis=1) / np.maximum(total - 7, 1)) + _LEAST_NOISE
-        prior = np.zeros((count, 8))
-        prior[:, [1, 3]] = (noise / (0.5 * np.abs(parameters[:, 2]) + 1))[:, None] ** 2
-        prior[:, 6] = (noise / bow) ** 2
-        prior[:, 7] = (noise / _BLUR_SPREAD) ** 2
-        pull = -parameters
+    active = np.arange(count)
+    for _ in range(_ITERATIONS):
+        now, w = parameters[active], weight[active]
+        residual, jacobian = _edge_model(now, u[active], offset[active], grey[active])
+        level = np.sqrt(np.sum(w * residual**2, axis=1) / np.maximum(total[active] - 7, 1)) + _LEAST_NOISE
+        prior = np.zeros((len(active), 8))
+        prior[:, [1, 3]] = (level / (0.5 * np.abs(now[:, 2]) + 1))[:, None] ** 2
+        prior[:, 6] = (level / bow[active]) ** 2
+        prior[:, 7] = (level / _BLUR_SPREAD) ** 2
+        pull = -now
         pull[:, 7] += _USUAL_BLUR
-        step, inverse = _solve_damped(jacobian, residual, weight, prior, pull)
-        step[:, 4:7] = np.clip(step[:, 4:7], -farthest, farthest)
+        step, inverse[active] = _solve_damped(jacobian, residual, w, prior, pull)
+        step[:, 4:7] = np.clip(step[:, 4:7], -farthest[active], farthest[active])
         step[:, 7] = np.clip(step[:, 7], -0.5, 0.5)
-        parameters += step
+        parameters[active] = now + step
         parameters[:, 7] = np.clip(parameters[:, 7], np.log(_SHARPEST), np.log(_SOFTEST))
-        if np.max(np.abs(step[:, 4:7]), initial=0.0) < _SETTLED:
+        noise[active] = level
+        active = active[~(np.max(np.abs(step[:, 4:7]), axis=1) < _SETTLED)]
+        if not len(active):
             break
     covariance = inverse[:, 4:7, 4:7] * (noise**2)[:, None, None]
     return EdgeFit(parameters[:, 4:7].copy(), covariance, noise, parameters[:, 2].copy(), np.exp(parameters[:, 7]))
@@ -164,7 +176,7 @@ def _mean(values: Array, weight: Array) -> Array:
 
 
 def _edge_model(parameters: Array, u: Array, offset: Array, grey: Array) -> tuple[Array, Array]:
-    dark, dark_slope, contrast, contrast_slope, c0, c1, c2, log_blur = (p[:, None] for p in parameters.T)
+    dark, dark_slope, contrast, contrast_slope, c0, c1, c2, log_blur = parameters.astype(np.float32).T[..., None]
     blur = np.exp(log_blur)
     value, slope, by_blur = _step(offset - (c0 + u * (c1 + u * c2)), blur)
     height = contrast + contrast_slope * u
@@ -251,7 +263,8 @@ def fit_corners(image: Array, pixels: Array, axes: Array, radius: Array, clear: 
     """
     wide = int(np.ceil(np.max(radius, initial=1.0))) + 1
     steps = np.arange(-wide, wide + 1)
-    window = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(1, -1, 2)
+    window = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
+    window = window[np.hypot(*window.T) < np.max(radius, initial=1.0) + 1.3][None]
     whole = np.rint(pixels).astype(int)[:, None] + window
     grey, valid = _grey(image, whole[..., 0], whole[..., 1])
     places = whole - pixels[:, None]
@@ -261,7 +274,7 @@ def fit_corners(image: Array, pixels: Array, axes: Array, radius: Array, clear: 
     # One more pixel stays clear for the blur of the tags' edges.
     pixel = 1.2 / np.min(np.linalg.norm(axes, axis=2), axis=1)[:, None]
     weight = weight * ~((np.abs(board) > np.maximum(clear - pixel, pixel)[..., None]).all(axis=-1))
-    return _corner_iterations(pixels, axes, places, grey, weight)
+    return _corner_iterations(pixels, axes, places.astype(np.float32), grey, weight.astype(np.float32))
 
 
 def _corner_iterations(pixels, axes, places, grey, weight) -> CornerFit:
@@ -278,30 +291,34 @@ def _corner_iterations(pixels, axes, places, grey, weight) -> CornerFit:
     )
     noise = np.full(count, 4.0)
     inverse = np.zeros((count, 9, 9))
+    active = np.arange(count)
     for _ in range(_ITERATIONS):
-        residual, jacobian = _corner_model(parameters, places, grey)
-        noise = np.sqrt(np.sum(weight * residual**2, axis=1) / np.maximum(total - 8, 1)) + _LEAST_NOISE
-        prior = np.zeros((count, 9))
+        now, w = parameters[active], weight[active]
+        residual, jacobian = _corner_model(now, places[active], grey[active])
+        level = np.sqrt(np.sum(w * residual**2, axis=1) / np.maximum(total[active] - 8, 1)) + _LEAST_NOISE
+        prior = np.zeros((len(active), 9))
         # The board's own lines are known to some degrees.
-        prior[:, 2:4] = (noise[:, None] / 0.15) ** 2
-        prior[:, 4] = (noise / _BLUR_SPREAD) ** 2
-        prior[:, 6:8] = (noise / (0.05 * np.abs(parameters[:, 8]) + 0.1))[:, None] ** 2
-        pull = np.zeros((count, 9))
-        pull[:, 4] = _USUAL_BLUR - parameters[:, 4]
-        pull[:, 6:8] = -parameters[:, 6:8]
-        step, inverse = _solve_damped(jacobian, residual, weight, prior, pull)
+        prior[:, 2:4] = (level[:, None] / 0.15) ** 2
+        prior[:, 4] = (level / _BLUR_SPREAD) ** 2
+        prior[:, 6:8] = (level / (0.05 * np.abs(now[:, 8]) + 0.1))[:, None] ** 2
+        pull = np.zeros((len(active), 9))
+        pull[:, 4] = _USUAL_BLUR - now[:, 4]
+        pull[:, 6:8] = -now[:, 6:8]
+        step, inverse[active] = _solve_damped(jacobian, residual, w, prior, pull)
         step[:, :2] = np.clip(step[:, :2], -1.0, 1.0)
         step[:, 2:5] = np.clip(step[:, 2:5], -0.3, 0.3)
-        parameters += step
+        parameters[active] = now + step
         parameters[:, 4] = np.clip(parameters[:, 4], np.log(_SHARPEST), np.log(_SOFTEST))
-        if np.max(np.abs(step[:, :2]), initial=0.0) < _SETTLED:
+        noise[active] = level
+        active = active[~(np.max(np.abs(step[:, :2]), axis=1) < _SETTLED)]
+        if not len(active):
             break
     sigma = noise * np.sqrt(np.maximum(inverse[:, 0, 0] + inverse[:, 1, 1], 0) / 2)
     return CornerFit(pixels + parameters[:, :2], sigma, noise, 2 * parameters[:, 8], np.exp(parameters[:, 4]))
 
 
 def _corner_model(parameters: Array, places: Array, grey: Array) -> tuple[Array, Array]:
-    x, y, first, second, log_blur, mean, slope_x, slope_y, half = (p[:, None] for p in parameters.T)
+    x, y, first, second, log_blur, mean, slope_x, slope_y, half = parameters.astype(np.float32).T[..., None]
     blur = np.exp(log_blur)
     dx, dy = places[..., 0] - x, places[..., 1] - y
     signs, by_distance, by_blur, distance_along = [], [], [], []
