@@ -23,6 +23,8 @@ _INK, _WHITE = 0.05, 0.82
 _THICKNESS = 2e-3
 # Step (px) of the coarse search for the part of the image that a sheet covers.
 _STRIDE = 4
+# Places at which the noise of a picture may begin: two pictures of a recording hardly ever share one.
+_STRIP = 1 << 20
 # Sharpest texture kept (texels per metre) and largest (texels a side), which bound memory, not accuracy: a sheet
 # that needs more fills the picture with one cell.
 _DENSEST, _LARGEST = 40_000.0, 6_000
@@ -216,15 +218,25 @@ def _cast(cam_from_rect: Pose, sheet: Sheet, rays: Array, samples: int, blur: fl
         # Within a pixel the map is straight to 1e-4 px, so the finer map is the coarse one between its points.
         size = (width * samples, height * samples)
         map_x, map_y = cv2.resize(map_x, size), cv2.resize(map_y, size)
+    alpha = _mean_light(texture[1], map_x, map_y, samples, blur)
+    if texture[0] is texture[1]:
+        return sheet.tone * alpha * np.float32(_shade(cam_from_rect)), alpha, distance
+    printed = _mean_light(texture[0], map_x, map_y, samples, blur)
+    tone = np.where(front, _INK * alpha + (sheet.tone - _INK) * printed, sheet.tone * alpha)
+    return tone * np.float32(_shade(cam_from_rect)), alpha, distance
+
+
+def _mean_light(texture: Array, map_x: Array, map_y: Array, samples: int, blur: float) -> Array:
+    """Mean over each pixel's samples of a texture (uint8) in [0, 1]; nothing lies beyond the texture."""
     fine = cv2.remap(texture, map_x, map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=0)
     if blur > 0:
         # Before the pixels gather it, as in a lens: on whole pixels a small blur would not be a Gaussian.
         fine = cv2.GaussianBlur(fine, (0, 0), blur * samples, borderType=cv2.BORDER_REPLICATE)
     fine = fine.astype(np.float32)
-    mean = cv2.resize(fine, (width, height), interpolation=cv2.INTER_AREA) if samples > 1 else fine
-    printed, alpha = mean[..., 0] * np.float32(1 / 255), mean[..., 1] * np.float32(1 / 255)
-    tone = np.where(front, _INK * alpha + (sheet.tone - _INK) * printed, sheet.tone * alpha)
-    return tone * np.float32(_shade(cam_from_rect)), alpha, distance
+    if samples > 1:
+        size = (fine.shape[1] // samples, fine.shape[0] // samples)
+        fine = cv2.resize(fine, size, interpolation=cv2.INTER_AREA)
+    return fine * np.float32(1 / 255)
 
 
 def _shade(cam_from_rect: Pose) -> float:
@@ -242,25 +254,29 @@ def _wanted_density(x: Array, y: Array, sheet: Sheet, samples: int) -> float:
     return float(2 ** (np.ceil(4 * np.log2(wanted)) / 4))
 
 
-def _texture(sheet: Sheet, density: float) -> tuple[Array, tuple[float, float]]:
-    """(h, w, 2) uint8: paper share times cover, and cover, in a border of one empty texel; texels per metre."""
+def _texture(sheet: Sheet, density: float) -> tuple[tuple[Array, Array], tuple[float, float]]:
+    """Two (h, w) uint8 in a border of one empty texel: share of paper, and cover; and texels per metre.
+
+    The two are one and the same array where nothing is printed.
+    """
     if sheet.texture is None:
-        return _drawn_texture(sheet.rectangle, density, sheet.border)
+        return _drawn_texture(sheet.rectangle, density, sheet.border), (density, density)
     picture = np.asarray(sheet.texture, np.float32)
     height, width = picture.shape
     return _bordered(picture), (width / sheet.size[0], height / sheet.size[1])
 
 
 @lru_cache(maxsize=64)
-def _drawn_texture(rectangle: Rectangle, density: float, margin: float) -> tuple[Array, tuple[float, float]]:
-    # A whole number of texels along the longer side; the last of the other side may be cut: so its share covers.
-    picture = marking_image(rectangle, density, margin)
-    return _bordered(picture), (density, density)
+def _drawn_texture(rectangle: Rectangle, density: float, margin: float) -> tuple[Array, Array]:
+    return _bordered(marking_image(rectangle, density, margin))
 
 
-def _bordered(picture: Array) -> Array:
-    both = np.rint(255 * np.stack([picture, np.ones_like(picture)], axis=-1)).astype(np.uint8)
-    return cv2.copyMakeBorder(both, 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=0)
+def _bordered(picture: Array) -> tuple[Array, Array]:
+    levels = np.rint(255 * picture).astype(np.uint8)
+    cover = cv2.copyMakeBorder(np.full_like(levels, 255), 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=0)
+    if np.all(levels == 255):
+        return cover, cover
+    return cv2.copyMakeBorder(levels, 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=0), cover
 
 
 def _expose(
@@ -274,14 +290,25 @@ def _expose(
     height, width = image.shape[:2]
     if vignetting > 0:
         shape = (height, width, 1)[: image.ndim]
-        image = image * (gain * _vignette(width, height, vignetting).reshape(shape))
+        image *= gain * _vignette(width, height, vignetting).reshape(shape)
     else:
-        image = image * gain
+        image *= gain
     if noise > 0:
         rng = rng if rng is not None else np.random.default_rng(0)
-        grain = rng.standard_normal((height, width), np.float32) * np.float32(noise)
-        image = image + (grain if image.ndim == 2 else grain[..., None])
-    return cv2.convertScaleAbs(np.maximum(image, 0))
+        grain = _grain(height, width, rng) * np.float32(noise)
+        image += grain if image.ndim == 2 else grain[..., None]
+    return cv2.convertScaleAbs(np.maximum(image, 0, out=image))
+
+
+def _grain(height: int, width: int, rng: np.random.Generator) -> Array:
+    """Normal noise (h, w): a random part of one long strip, since drawing it anew would take a third of the time."""
+    start = int(rng.integers(0, _STRIP))
+    return _strip(height * width + _STRIP)[start : start + height * width].reshape(height, width)
+
+
+@lru_cache(maxsize=4)
+def _strip(length: int) -> Array:
+    return np.random.default_rng(length).standard_normal(length, np.float32)
 
 
 @lru_cache(maxsize=8)
