@@ -23,7 +23,8 @@ DETECTIONS_TOPIC = "/quadrig/detections"
 FORMAT = 1
 """Raised when detection or this record changes, so that old files are not taken for new ones."""
 
-_NANOSECONDS = 10**9
+# A few images' worth: what is lost when the process is killed.
+_CHUNK_BYTES = 16 * 1024
 
 
 class ViewRecord(msgspec.Struct):
@@ -77,7 +78,7 @@ class DetectionWriter:
 
         self._keys = keys
         self._channels: dict[str, int] = {}
-        self._writer = Writer(stream, compression=CompressionType.LZ4)
+        self._writer = Writer(stream, chunk_size=_CHUNK_BYTES, compression=CompressionType.LZ4)
         self._writer.start(profile="", library="quadrig")
         schema = self._writer.register_schema("quadrig.ImageDetections", "jsonschema", b'{"type": "object"}')
         self._own = self._writer.register_channel(DETECTIONS_TOPIC, "json", schema)

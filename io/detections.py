@@ -5,7 +5,6 @@ from collections.abc import Sequence
 from concurrent.futures import Executor
 from contextlib import ExitStack, closing
 from dataclasses import dataclass, replace
-from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -125,10 +124,8 @@ def _search(
         with ExitStack() as stack:
             writer = stack.enter_context(keep_detections(cache, keys, found, stamps)) if cache else None
             results = stack.enter_context(closing(run_tasks(_search_batch, batches, workers, executor)))
-            # The bar runs a thread: it starts when the worker processes have been forked.
-            first = next(results)
             advance = stack.enter_context(progress_bar("detect", total, "images", quiet=not progress))
-            for index, result in chain([first], results):
+            for index, result in results:
                 batch = batches[index]
                 for image, views in zip(batch.images.tolist(), result, strict=True):
                     found[batch.camera, image] = views

@@ -4,7 +4,6 @@ import multiprocessing
 import os
 import signal
 import sys
-import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
@@ -73,7 +72,8 @@ def _over_pool(
 def _completed(
     executor: Executor, function: Callable[[Task], Result], tasks: Sequence[tuple[int, Task]]
 ) -> Iterator[tuple[int, Result]]:
-    futures: dict[Future[Result], int] = {executor.submit(function, task): index for index, task in tasks}
+    with _starting_processes():
+        futures: dict[Future[Result], int] = {executor.submit(function, task): index for index, task in tasks}
     try:
         for future in as_completed(futures):
             yield futures[future], future.result()
@@ -85,7 +85,9 @@ def _completed(
 @contextmanager
 def _pool(workers: int) -> Iterator[ProcessPoolExecutor]:
     before = set(multiprocessing.active_children())
-    pool = ProcessPoolExecutor(workers, mp_context=_context(), initializer=_begin_worker)
+    # Not forked: the threads that OpenCV has by now would be missing in the child, which waits for them for ever.
+    context = multiprocessing.get_context("spawn")
+    pool = ProcessPoolExecutor(workers, mp_context=context, initializer=_begin_worker)
     finished = False
     try:
         yield pool
@@ -98,10 +100,26 @@ def _pool(workers: int) -> Iterator[ProcessPoolExecutor]:
         pool.shutdown(wait=finished, cancel_futures=True)
 
 
-def _context() -> multiprocessing.context.BaseContext:
-    """Fork is quick and asks nothing of the caller's script, but is safe only where no other thread runs."""
-    forks = sys.platform == "linux" and threading.active_count() == 1
-    return multiprocessing.get_context("fork" if forks else "spawn")
+@contextmanager
+def _starting_processes() -> Iterator[None]:
+    """While worker processes start: they inherit that Ctrl-C is the parent's business, and no script of the user's.
+
+    A new process would run the user's script once more up to its `if __name__ == "__main__"`, and scripts without
+    that line without end; our tasks need nothing from it.
+    """
+    main = sys.modules["__main__"]
+    hidden = {name: vars(main)[name] for name in ("__file__", "__spec__") if name in vars(main)}
+    blocked = (
+        signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT}) if hasattr(signal, "pthread_sigmask") else None
+    )
+    try:
+        vars(main).pop("__file__", None)
+        main.__spec__ = None
+        yield
+    finally:
+        vars(main).update(hidden)
+        if blocked is not None:
+            signal.pthread_sigmask(signal.SIG_SETMASK, blocked)
 
 
 def _begin_worker() -> None:
