@@ -46,7 +46,7 @@ def cramer_rao(
     return covariance.reshape(*batch, 9, 9)
 
 
-def paper_bound(covariance: Array, cam_from_rect: Pose) -> Array:
+def paper_sigmas(covariance: Array, cam_from_rect: Pose) -> Array:
     """Standard deviations (..., 7) of the paper's T_X, T_Y, T_Z (metres), theta_x, theta_y, theta_z (radians) and f
     (pixels), from a covariance (..., 9, 9) of (focal, cx, cy, step of cam_from_rect)."""
     jacobian = np.zeros((*cam_from_rect.translation.shape[:-1], 7, 9))

@@ -71,6 +71,15 @@ class Calibration:
         spread = NORMAL_95 * self.focal_sigma * inverse**2
         return 1 / (inverse + spread), 1 / (inverse - spread) if inverse > spread else np.inf
 
+    def covariance(self, view: int = 0) -> Array:
+        """Covariance (9, 9) of (focal, cx, cy, step of cam_from_rect) for one of the Views."""
+        result = np.zeros((9, 9))
+        result[:3, :3] = self.lens_covariance[:3, :3]
+        result[:3, 3:] = self.lens_pose_covariance[view, :3]
+        result[3:, :3] = result[:3, 3:].T
+        result[3:, 3:] = self.pose_covariance[view]
+        return result
+
     @property
     def rect_from_cams(self) -> Pose:
         """The camera in the frame of each View's rectangle: the paper's [R T], a batch (V)."""

@@ -88,3 +88,20 @@ def reasons_of_areas(areas: Array) -> NDArray[np.int8]:
     reasons[~(size.min(axis=0) > _COLLINEAR * size.max(axis=0))] = Reason.COLLINEAR
     reasons[~np.isfinite(areas).all(axis=0)] = Reason.NOT_FINITE
     return np.where(good, np.int8(Reason.OK), reasons)
+
+
+def in_turn(corners: Array) -> tuple[Array, bool]:
+    """Four corners (4, 2) in the turn of Eq. 4, and whether they had to be changed.
+
+    Corners that turn the wrong way are read as by someone whose y axis points up, (+,+) being the top right: so P1
+    changes places with P4 and P2 with P3, and the side P1 P2 stays the width.
+    Raises QuadrigError, saying what is wrong, where the four are no picture of a rectangle.
+    """
+    corners = check_shape(corners)
+    reason = Reason(int(corner_reasons(corners)))
+    if reason == Reason.REVERSED:
+        return corners[::-1].copy(), True
+    if reason != Reason.OK:
+        given = ", ".join(f"({u:g}, {v:g})" for u, v in corners)
+        raise QuadrigError(f"corners {given}: {REASON_WORDS[reason]}")
+    return corners, False

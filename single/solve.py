@@ -17,6 +17,7 @@ from .twin import mirrored
 
 # Half the width of a 95 % interval in sigmas.
 NORMAL_95 = 1.959964
+_FEWEST_POINTS = 4
 # A chi2 this many of its own standard deviations above its mean is not what noise does: another optimum may be lower.
 _SURPRISE = 5.0
 # Focals, as shares of the picture's half width, to start from where the corners alone give none: from a wide lens
@@ -233,6 +234,9 @@ class _Task:
 def _solution(task: _Task, batch: tuple[int, ...]) -> Solution:
     start = task.start(task.focal)
     reason = start.reason.copy()
+    # Finite pixels without a homography: the points lie on one line.
+    finite = np.isfinite(task.pixels).all(axis=-1).sum(axis=-1) >= _FEWEST_POINTS
+    reason[(reason == Reason.NOT_FINITE) & finite] = Reason.COLLINEAR
     if task.focal is not None:
         reason[reason == Reason.FOCAL_UNKNOWABLE] = Reason.OK
     usable = (reason == Reason.OK) | (reason == Reason.FOCAL_UNKNOWABLE)

@@ -9,7 +9,6 @@ from .pinhole_fit import fit_pinhole
 from .pose import Pose
 from .rotation import Array
 
-
 # Rotations nearer than this (rad) are one optimum: searches stop a ten-thousandth of a sigma from it, and two optima
 # that close would be one under any noise.
 _SAME = 1e-3
