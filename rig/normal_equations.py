@@ -61,45 +61,60 @@ def linearise(observations: Observations, state: State, columns: Array, noise: f
     columns (K,): which lens parameters take part.
     """
     chained = state.camera_from_rect(observations)
-    keep = np.concatenate([columns, np.arange(LENS, LENS + 7)])
-    gram = np.zeros((len(observations.camera), len(keep), len(keep)))
+    gram = np.zeros((len(observations.camera), len(columns) + 7, len(columns) + 7))
     cost, squares = 0.0, []
     for group in observations.groups:
-        rows, square = _rows(group, state.lens[group.camera], chained[group.view])
-        scaled = square * group.weights / noise**2
-        weights = group.weights / noise**2
-        invalid = ~np.isfinite(square)
-        if robust:
-            cost += _CAUCHY**2 * float(np.nansum(np.log1p(scaled / _CAUCHY**2)))
-            weights = weights / (1 + scaled / _CAUCHY**2)
-        else:
-            cost += float(np.nansum(scaled))
-        if invalid.any():
-            rows = np.where(invalid[:, None, None, :], 0.0, rows)
-            cost += _BEHIND_COST * float((invalid & (group.weights > 0)).sum())
-            weights = np.where(invalid, 0.0, weights)
-        rows = rows[:, keep] * np.sqrt(weights)[:, None, None, :]
-        flat = rows.reshape(len(rows), len(keep), -1)
-        gram[group.view] = flat @ np.swapaxes(flat, -1, -2)
+        rows, square = _rows(group, state.lens[group.camera], chained[group.view], columns)
+        weights, group_cost = _weighed(group, square, noise, robust)
+        if not np.isfinite(square).all():
+            rows[~np.isfinite(rows)] = 0.0
+        cost += group_cost
         squares.append(square)
+        flat = rows.reshape(len(rows), len(columns) + 7, -1)
+        if weights.min(initial=np.inf) == weights.max(initial=-np.inf):
+            gram[group.view] = (flat @ np.swapaxes(flat, -1, -2)) * weights.flat[0]
+        else:
+            rows *= np.sqrt(weights)[:, None, None, :]
+            gram[group.view] = flat @ np.swapaxes(flat, -1, -2)
     return Linearised(gram, cost, tuple(squares))
 
 
-def _rows(group: ObservationGroup, lens: Array, camera_from_rect: Pose) -> tuple[Array, Array]:
-    """Rows (V, 16, 2, P) of derivatives and residual, and squared residuals (V, P)."""
+def _weighed(group: ObservationGroup, square: Array, noise: float, robust: bool) -> tuple[Array, float]:
+    """Weights (V, P) of the squared residuals and their cost in units of chi-square."""
+    weights = group.weights / noise**2
+    scaled = square * weights
+    if robust:
+        cost = _CAUCHY**2 * float(np.nansum(np.log1p(scaled / _CAUCHY**2)))
+        weights = weights / (1 + scaled / _CAUCHY**2)
+    else:
+        cost = float(np.nansum(scaled))
+    behind = ~np.isfinite(square)
+    if behind.any():
+        cost += _BEHIND_COST * float((behind & (group.weights > 0)).sum())
+        weights = np.where(behind, 0.0, weights)
+    return weights, cost
+
+
+def _rows(group: ObservationGroup, lens: Array, camera_from_rect: Pose, columns: Array) -> tuple[Array, Array]:
+    """Rows (V, K + 7, 2, P) of derivatives and residual, and squared residuals (V, P)."""
     count, size = group.weights.shape
     turned = np.moveaxis(group.points @ np.swapaxes(camera_from_rect.rotation, -1, -2), -1, 0)
     located = turned + camera_from_rect.translation.T[:, :, None]
-    rows = np.zeros((count, LENS + 7, 2, size))
+    wanted = len(columns)
+    rows = np.zeros((count, wanted + 7, 2, size))
     lead = rows.transpose(1, 2, 0, 3)
-    by_point = lead[LENS + 3 : LENS + 6]
-    pixels = fill_projection_rows(lens.T[:, :, None], located, lead[:LENS], by_point, group.model)
+    by_lens: list[Array | None] = [None] * LENS
+    for place, column in enumerate(columns):
+        by_lens[column] = lead[place]
+    by_point = np.empty((3, 2, count, size))
+    pixels = fill_projection_rows(lens.T[:, :, None], located, by_lens, by_point, group.model)
     for axis in range(3):
         # The step turns q = R p by omega x q; its product with the derivative by the point is omega . (q x g).
         a, b = (axis + 1) % 3, (axis + 2) % 3
-        lead[LENS + axis] = turned[a] * by_point[b] - turned[b] * by_point[a]
+        lead[wanted + axis] = turned[a] * by_point[b] - turned[b] * by_point[a]
+    lead[wanted + 3 : wanted + 6] = by_point
     residual = np.moveaxis(group.pixels, -1, 0) - pixels
-    lead[LENS + 6] = residual
+    lead[wanted + 6] = residual
     return rows, residual[0] ** 2 + residual[1] ** 2
 
 

@@ -6,6 +6,7 @@ distortion (Brown 1966, OpenCV's order k1 k2 p1 p2 k3) and "fisheye", the equidi
 Pixels: the centre of the top-left pixel is (0, 0). Camera axes: x right, y down, z forward.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
@@ -110,7 +111,7 @@ def project_with_derivatives(
     pixels = fill_projection_rows(
         np.moveaxis(parameters, -1, 0),
         np.moveaxis(points, -1, 0),
-        np.moveaxis(by_lens, (-1, -2), (0, 1)),
+        list(np.moveaxis(by_lens, (-1, -2), (0, 1))),
         np.moveaxis(by_point, (-1, -2), (0, 1)),
         model,
     )
@@ -118,22 +119,32 @@ def project_with_derivatives(
 
 
 def fill_projection_rows(
-    parameters: Array, points: Array, by_lens: Array, by_point: Array, model: LensModel = "pinhole"
+    parameters: Array,
+    points: Array,
+    by_lens: Sequence[Array | None],
+    by_point: Array,
+    model: LensModel = "pinhole",
 ) -> Array:
     """Pixels (2, ...) and, written in place, their derivatives: the same projection with components first.
 
-    parameters (9, ...) and points (3, ...) broadcast; by_lens (9, 2, ...) and by_point (3, 2, ...) are filled (views
-    of any memory order, so that a caller lays them out as its next product wants them); by_lens must come as zeros.
+    parameters (9, ...) and points (3, ...) broadcast. by_lens: nine arrays (2, ...) that come as zeros, or None for
+    parameters whose derivative is not wanted; by_point (3, 2, ...). They may be views of any memory order, so that a
+    caller lays them out as its next product wants them.
     """
     fill = _fill_radial_tangential if model == "pinhole" else _fill_equidistant
     focal, aspect = parameters[0], parameters[8]
     focal_y = focal * aspect
     x, y = fill(parameters, points, by_lens[3:8], by_point, focal, focal_y)
-    by_lens[0, 0] = x
-    by_lens[0, 1] = aspect * y
-    by_lens[1, 0] = 1
-    by_lens[2, 1] = 1
-    by_lens[8, 1] = focal * y
+    by_focal, by_cx, by_cy, by_aspect = by_lens[0], by_lens[1], by_lens[2], by_lens[8]
+    if by_focal is not None:
+        by_focal[0] = x
+        by_focal[1] = aspect * y
+    if by_cx is not None:
+        by_cx[0] = 1
+    if by_cy is not None:
+        by_cy[1] = 1
+    if by_aspect is not None:
+        by_aspect[1] = focal * y
     return np.stack([focal * x + parameters[1], focal_y * y + parameters[2]])
 
 
@@ -178,7 +189,12 @@ def _distort_radial_tangential(parameters: Array, plane: Array) -> Array:
 
 
 def _fill_radial_tangential(
-    parameters: Array, points: Array, by_distortion: Array, by_point: Array, focal_x: Array, focal_y: Array
+    parameters: Array,
+    points: Array,
+    by_distortion: Sequence[Array | None],
+    by_point: Array,
+    focal_x: Array,
+    focal_y: Array,
 ) -> tuple[Array, Array]:
     k1, k2, p1, p2, k3 = parameters[3:8]
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -188,24 +204,30 @@ def _fill_radial_tangential(
     square = xx + yy
     radial = 1 + square * (k1 + square * (k2 + square * k3))
     slope = 2 * (k1 + square * (2 * k2 + square * (3 * k3)))
-    power_x, power_y = focal_x * x, focal_y * y
-    for place in (0, 1, 4):
-        power_x, power_y = power_x * square, power_y * square
-        by_distortion[place, 0], by_distortion[place, 1] = power_x, power_y
-    tangential_x, tangential_y = square + 2 * xx, square + 2 * yy
-    by_distortion[2, 0], by_distortion[2, 1] = 2 * focal_x * xy, focal_y * tangential_y
-    by_distortion[3, 0], by_distortion[3, 1] = focal_x * tangential_x, 2 * focal_y * xy
+    distorted_x, distorted_y = x * radial, y * radial
+    x_by_x, y_by_y, mixed = radial + xx * slope, radial + yy * slope, xy * slope
+    power = square
+    for row in (by_distortion[0], by_distortion[1], by_distortion[4]):
+        if row is not None:
+            row[0], row[1] = (focal_x * power) * x, (focal_y * power) * y
+        power = power * square
+    by_p1, by_p2 = by_distortion[2], by_distortion[3]
+    if by_p1 is not None or by_p2 is not None or np.any(p1) or np.any(p2):
+        tangential_x, tangential_y = square + 2 * xx, square + 2 * yy
+        distorted_x = distorted_x + 2 * p1 * xy + p2 * tangential_x
+        distorted_y = distorted_y + 2 * p2 * xy + p1 * tangential_y
+        mixed = mixed + 2 * p1 * x + 2 * p2 * y
+        x_by_x, y_by_y = x_by_x + 2 * p1 * y + 6 * p2 * x, y_by_y + 2 * p2 * x + 6 * p1 * y
+        if by_p1 is not None:
+            by_p1[0], by_p1[1] = 2 * focal_x * xy, focal_y * tangential_y
+        if by_p2 is not None:
+            by_p2[0], by_p2[1] = focal_x * tangential_x, 2 * focal_y * xy
     scale_x, scale_y = focal_x * inverse_depth, focal_y * inverse_depth
-    mixed = xy * slope + 2 * p1 * x + 2 * p2 * y
-    x_by_x, y_by_y = radial + xx * slope + 2 * p1 * y + 6 * p2 * x, radial + yy * slope + 2 * p2 * x + 6 * p1 * y
     by_point[0, 0], by_point[1, 0] = scale_x * x_by_x, scale_x * mixed
     by_point[0, 1], by_point[1, 1] = scale_y * mixed, scale_y * y_by_y
     by_point[2, 0] = -scale_x * (x_by_x * x + mixed * y)
     by_point[2, 1] = -scale_y * (mixed * x + y_by_y * y)
-    return (
-        x * radial + 2 * p1 * xy + p2 * tangential_x,
-        y * radial + 2 * p2 * xy + p1 * tangential_y,
-    )
+    return distorted_x, distorted_y
 
 
 def _radial_tangential_slope(parameters: Array, plane: Array) -> Array:
@@ -264,7 +286,12 @@ def _distort_equidistant(parameters: Array, points: Array) -> Array:
 
 
 def _fill_equidistant(
-    parameters: Array, points: Array, by_distortion: Array, by_point: Array, focal_x: Array, focal_y: Array
+    parameters: Array,
+    points: Array,
+    by_distortion: Sequence[Array | None],
+    by_point: Array,
+    focal_x: Array,
+    focal_y: Array,
 ) -> tuple[Array, Array]:
     x, y, z = points
     radius = np.hypot(x, y)
@@ -284,9 +311,10 @@ def _fill_equidistant(
     by_point[2, 0] = -focal_x * slope * x / norm_square
     by_point[2, 1] = -focal_y * slope * y / norm_square
     power = np.where(near, 0.0, angle)
-    for place in range(4):
+    for row in by_distortion[:4]:
         power = power * angle * angle
-        by_distortion[place, 0], by_distortion[place, 1] = focal_x * cosine * power, focal_y * sine * power
+        if row is not None:
+            row[0], row[1] = focal_x * cosine * power, focal_y * sine * power
     return x * ratio, y * ratio
 
 
