@@ -165,10 +165,10 @@ def _flat(value: Array | float, batch: tuple[int, ...], tail: int) -> Array:
 def _frame(points: Array, pixels: Array, seen: NDArray[np.bool_]) -> tuple[Array, Array, Array]:
     """The rectangle around the points of each member: where its corners lie in the image by the homography of all
     points (N, 4, 2), its size (N, 2) and its middle (N, 2)."""
-    low = np.where(seen[..., None], points, np.inf).min(axis=-2)
-    high = np.where(seen[..., None], points, -np.inf).max(axis=-2)
-    size, middle = high - low, (high + low) / 2
     with np.errstate(all="ignore"):
+        low = np.where(seen[..., None], points, np.inf).min(axis=-2)
+        high = np.where(seen[..., None], points, -np.inf).max(axis=-2)
+        size, middle = high - low, (high + low) / 2
         H = homographies(points, np.where(seen[..., None], pixels, 0.0), seen.astype(float))
         frame = rectangle_corners(size[..., 0], size[..., 1])[..., :2] + middle[..., None, :]
         mapped = frame @ np.swapaxes(H[..., :2], -1, -2) + H[..., None, :, 2]
