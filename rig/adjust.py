@@ -25,7 +25,7 @@ from .slack import Softened, slack_steps, soften
 
 # A step that is expected to lower chi-square by less than this moves every parameter by less than a thousandth
 # of its own sigma: nothing that a result prints can change.
-_CONVERGED = 1e-6
+CONVERGED = 1e-6
 _FIRST_DAMPING = 1e-5
 # Past this damping a step is shorter than rounding; the state is at a minimum, or cannot be left.
 _LAST_DAMPING = 1e8
@@ -81,10 +81,12 @@ def adjust(
     robust: bool = False,
     most_steps: int = 50,
     tables: Layout | None = None,
+    tolerance: float = CONVERGED,
 ) -> Adjustment:
     """The state of least cost that can be reached from `state`.
 
-    noise: sigma (px) of a pixel coordinate of weight 1. robust: Cauchy's loss instead of squares.
+    noise: sigma (px) of a pixel coordinate of weight 1. robust: Cauchy's loss instead of squares. tolerance: the
+    expected fall of chi-square below which no further step is taken.
     """
     problem = _Adjusted(observations, freedom, tables or layout(observations), freedom.columns, noise, robust)
     if freedom.slack_information is not None and state.slack is None:
@@ -97,7 +99,7 @@ def adjust(
             break
         here, expected, damping = found
         costs.append(here.cost)
-        if expected < _CONVERGED:
+        if expected < tolerance:
             break
     return Adjustment(
         here.state, tuple(costs), here.linearised, here.normal, problem.tables, problem.columns, here.softened
@@ -160,7 +162,7 @@ def _better(problem: _Adjusted, here: _Expansion, damping: float) -> tuple[_Expa
         # At the very minimum rounding decides whether the cost still falls: equal to its last digits is as good.
         if found[1] <= here.cost * (1 + 1e-14):
             return _expand(problem, trial, found), expected, damping / 10
-        if expected < _CONVERGED:
+        if expected < CONVERGED:
             return None
         damping = max(damping, 1e-6) * 10
     return None

@@ -10,17 +10,18 @@ from .adjust import Adjustment, Freedom, adjust, undamped
 from .elimination import Reduced, reduced_inverse
 from .graph import FirstRig
 from .lens_choice import LensChoices, choose_lenses, starting_lenses
-from .normal_equations import State, linearise
+from .normal_equations import Layout, State, layout
 from .observations import Observations
 from .outliers import Judged, judge, noise_of, robust_noise
-from .principal_point import learned_sigma
+from .principal_point import PRINCIPAL_SIGMA
 from .problem import Problem
 from .slack import learned_information, strays
 from .start import LEAST_NOISE, Start, prior
 
-# Principal points of lenses people use lie this far from the middle (root mean square), as a share of the larger
-# side: measured on webcams (1.7 %), machine-vision cameras (3 %) and GoPros (0.5 %).
-PRINCIPAL_SIGMA = 0.02
+# A fit that others follow is good enough once a step would lower chi-square by this little: a tenth of a sigma.
+_ROUGH = 0.01
+# The weights of Cauchy's loss hardly change when the noise does by less than this (log).
+_SAME_NOISE = 0.3
 # The joint fit may leave this much more than the cameras each by themselves did before the Views of moving rectangles
 # are taken to be out of step: chance and first lenses leave a tenth or so.
 _OUT_OF_STEP = 1.5
@@ -49,7 +50,6 @@ class Joint:
     reduced: Reduced
     choices: LensChoices
     costs: tuple[float, ...]
-    principal_sigma: float
     predicted: State
 
 
@@ -58,70 +58,56 @@ def solve_jointly(
 ) -> Joint:
     """Adjust everything at once. Exactly one of fixed_camera, fixed_node holds the rig frame."""
     observations = problem.observations(first.reading)
-    freedom = _freedom(problem, observations, starting_lenses(problem), PRINCIPAL_SIGMA, fixed_camera, fixed_node)
-    state = State(begin.lens, first.camera_from_rig, first.rig_from_node)
-    state, noise, costs = _robust(observations, state, freedom, first, max(begin.noise, LEAST_NOISE))
+    tables = layout(observations)
+    freedom = _freedom(problem, observations, starting_lenses(problem), fixed_camera, fixed_node)
+    found, noise = _robust(observations, begin, first, freedom, tables)
     if noise > _OUT_OF_STEP * begin.noise:
         noise = begin.noise
-        state, freedom = _loosened(problem, observations, state, freedom, noise)
-    judged = _judge(observations, state, freedom, noise)
+        found, freedom = _loosened(problem, observations, found, freedom, noise)
+    costs = found.costs
+    judged = _judge(observations, found, freedom, noise)
     used = observations.with_weights(judged.weights)
-    choices = choose_lenses(problem, used, state, freedom, noise)
-    state = replace(state, lens=np.where(choices.free | ~_changeable(problem), state.lens, freedom.prior_mean))
-    freedom = replace(freedom, lens=choices.free)
-    adjustment = adjust(used, state, freedom, noise)
-    principal_sigma = PRINCIPAL_SIGMA
+    choices = choose_lenses(problem, used, found.state, freedom, noise)
+    state = replace(
+        found.state, lens=np.where(choices.free | ~_changeable(problem), found.state.lens, freedom.prior_mean)
+    )
+    information = prior(problem, choices.principal_sigma)[1]
+    freedom = replace(freedom, lens=choices.free, prior_information=information)
     for _ in range(_ROUNDS):
-        state = adjustment.state
-        costs += adjustment.costs
-        learned = learned_sigma(problem, adjustment, freedom, PRINCIPAL_SIGMA)
-        noise = _noise(adjustment, used, freedom, noise)
-        again = _judge(observations, state, freedom, noise)
-        same = all(np.array_equal(a > 0, b > 0) for a, b in zip(again.weights, judged.weights, strict=True))
-        if same and learned == principal_sigma:
+        found = adjust(used, state, freedom, noise, tables=tables)
+        state, costs = found.state, costs + found.costs
+        noise = _noise(found, used, freedom, noise)
+        again = _judge(observations, found, freedom, noise)
+        if all(np.array_equal(a > 0, b > 0) for a, b in zip(again.weights, judged.weights, strict=True)):
             break
-        judged, principal_sigma = again, learned
+        judged = again
         used = observations.with_weights(judged.weights)
-        freedom = replace(freedom, prior_information=prior(problem, principal_sigma)[1])
-        adjustment = adjust(used, state, freedom, noise)
-    # Weights of the final noise: the same minimum but for the priors' share, and the covariance that belongs to it.
-    adjustment = adjust(used, adjustment.state, freedom, noise)
+    # The same minimum with weights of the final noise, and the covariance that belongs to them.
+    adjustment = adjust(used, state, freedom, noise, tables=tables, most_steps=0 if state.slack is None else 10)
     reduced = undamped(adjustment, freedom)
-    covariance = reduced_inverse(reduced)
     predicted = _without_slack(used, adjustment.state, freedom, noise)
     return Joint(
-        adjustment,
-        used,
-        freedom,
-        judged,
-        noise,
-        covariance,
-        reduced,
-        choices,
-        costs + adjustment.costs,
-        principal_sigma,
-        predicted,
+        adjustment, used, freedom, judged, noise, reduced_inverse(reduced), reduced, choices, costs, predicted
     )
 
 
 def _loosened(
-    problem: Problem, observations: Observations, state: State, freedom: Freedom, noise: float
-) -> tuple[State, Freedom]:
-    """State and freedom with slack for the Views of moving rectangles, its width learned."""
+    problem: Problem, observations: Observations, found: Adjustment, freedom: Freedom, noise: float
+) -> tuple[Adjustment, Freedom]:
+    """The fit with slack for the Views of moving rectangles, and the freedom with its width, learned."""
     moving = np.array([problem.rectangles[view.rectangle].moving for view in problem.views])
     if not moving.any():
-        return state, freedom
+        return found, freedom
     information = np.full((len(moving), 6), np.inf)
     information[moving] = 1 / _FIRST_SLACK**2
     freedom = replace(freedom, slack_information=information)
     for _ in range(_SLACK_ROUNDS):
-        found = adjust(observations, state, freedom, noise, robust=True, most_steps=3)
-        state = found.state
+        found = adjust(observations, found.state, freedom, noise, robust=True, most_steps=3, tables=found.layout)
         assert found.softened is not None
-        assert state.slack is not None
-        freedom = replace(freedom, slack_information=learned_information(state.slack, found.softened, information))
-        information = freedom.slack_information
-    return state, freedom
+        assert found.state.slack is not None
+        information = learned_information(found.state.slack, found.softened, information)
+        freedom = replace(freedom, slack_information=information)
+    return found, freedom
 
 
 def _without_slack(used: Observations, state: State, freedom: Freedom, noise: float) -> State:
@@ -133,9 +119,9 @@ def _without_slack(used: Observations, state: State, freedom: Freedom, noise: fl
     return adjust(used, replace(state, slack=None), fixed, noise).state
 
 
-def _judge(observations: Observations, state: State, freedom: Freedom, noise: float) -> Judged:
+def _judge(observations: Observations, found: Adjustment, freedom: Freedom, noise: float) -> Judged:
     """Corners by their residual, and Views of moving rectangles by how far they stray."""
-    judged = judge(observations, _squares(observations, state), noise)
+    judged, state = judge(observations, found.linearised.squares, noise), found.state
     if state.slack is None or freedom.slack_information is None:
         return judged
     stray = strays(state.slack, freedom.slack_information)
@@ -154,11 +140,10 @@ def _freedom(
     problem: Problem,
     observations: Observations,
     lens: Array,
-    principal_sigma: float,
     fixed_camera: int | None,
     fixed_node: int | None,
 ) -> Freedom:
-    mean, information = prior(problem, principal_sigma)
+    mean, information = prior(problem, PRINCIPAL_SIGMA)
     pose, node = np.ones(observations.cameras, bool), np.ones(observations.nodes, bool)
     if fixed_camera is not None:
         pose[fixed_camera] = False
@@ -168,21 +153,18 @@ def _freedom(
 
 
 def _robust(
-    observations: Observations, state: State, freedom: Freedom, first: FirstRig, noise: float
-) -> tuple[State, float, tuple[float, ...]]:
+    observations: Observations, begin: Start, first: FirstRig, freedom: Freedom, tables: Layout
+) -> tuple[Adjustment, float]:
     """Cauchy's loss from the first rig on, Views that fit nothing left out until the rig can judge them."""
     weights = [np.where(first.agrees[g.view][:, None], g.weights, 0.0) for g in observations.groups]
     trusted = observations.with_weights(weights)
-    costs: tuple[float, ...] = ()
-    for steps in (4, 8):
-        found = adjust(trusted, state, freedom, noise, robust=True, most_steps=steps)
-        state, costs = found.state, costs + found.costs
-        noise = max(robust_noise(trusted, _squares(trusted, state)), LEAST_NOISE)
-    return state, noise, costs
-
-
-def _squares(observations: Observations, state: State) -> tuple[Array, ...]:
-    return linearise(observations, state, np.zeros(0, int), 1.0, False).squares
+    state, noise = State(begin.lens, first.camera_from_rig, first.rig_from_node), begin.noise
+    while True:
+        found = adjust(trusted, state, freedom, noise, robust=True, most_steps=12, tables=tables, tolerance=_ROUGH)
+        seen = max(robust_noise(trusted, found.linearised.squares), LEAST_NOISE)
+        if abs(np.log(seen / noise)) < _SAME_NOISE:
+            return found, seen
+        state, noise = found.state, seen
 
 
 def _noise(adjustment: Adjustment, used: Observations, freedom: Freedom, noise: float) -> float:

@@ -23,10 +23,12 @@ def left_out_squares(problem: Problem, joint: Joint) -> Array:
     """Sum of squared residuals (V,) px^2 of each View, as predicted without it; nan where that cannot be said."""
     fold = _folds(problem)
     result = np.full(len(problem.views), np.nan)
+    gram = _gram_of_prediction(joint)
+    scale = (joint.noise * problem.sigmas) ** 2
     for number in range(int(fold.max(initial=-1)) + 1):
         out = fold[joint.observations.node] == number
         if out.any() and not out.all():
-            squares = _squares_of(joint, problem.sigmas, out)
+            squares = _squares_of(joint, gram, out) * scale
             result[out] = squares[out]
     return result
 
@@ -46,7 +48,16 @@ def _folds(problem: Problem) -> Array:
     return np.array(folds, int)
 
 
-def _squares_of(joint: Joint, sigmas: Array, out: Array) -> Array:
+def _gram_of_prediction(joint: Joint) -> Array:
+    """Gram matrices (V, K+7, K+7) at what the rig says of the pictures."""
+    adjustment = joint.adjustment
+    if adjustment.softened is None:
+        return adjustment.linearised.gram
+    return linearise(joint.observations, joint.predicted, adjustment.columns, joint.noise, False).gram
+
+
+def _squares_of(joint: Joint, gram: Array, out: Array) -> Array:
+    """Squared residuals (V,), in units of the noise, of Views `out` for the cameras that the others make."""
     adjustment, freedom = joint.adjustment, joint.freedom
     observations, tables, state = joint.observations, adjustment.layout, adjustment.state
     weighing = adjustment.linearised.gram if adjustment.softened is None else adjustment.softened.gram
@@ -56,11 +67,10 @@ def _squares_of(joint: Joint, sigmas: Array, out: Array) -> Array:
     try:
         steps = solve_cameras(eliminate(training, tables, unknowns, freedom.node))
     except np.linalg.LinAlgError:
-        return np.full(len(weighing), np.nan)
+        return np.full(len(gram), np.nan)
     predicted = joint.predicted
-    gram = linearise(observations, predicted, adjustment.columns, joint.noise, False).gram
     left = normal_equations(observations, tables, predicted, np.where(out[:, None, None], gram, 0.0))
     poses = node_steps(left, tables, eliminate(left, tables, unknowns, freedom.node), steps)
     step = view_steps(observations, predicted, steps, poses)
     step = np.concatenate([step, -np.ones((len(step), 1))], axis=1)
-    return np.einsum("vi,vij,vj->v", step, gram, step) * (joint.noise * sigmas) ** 2
+    return np.einsum("vi,vij,vj->v", step, gram, step, optimize=True)

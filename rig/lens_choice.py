@@ -18,6 +18,7 @@ from .elimination import reduced_inverse, solve_cameras
 from .inputs import LensChoice
 from .normal_equations import State
 from .observations import Observations
+from .principal_point import PRINCIPAL_SIGMA, learned_sigma
 from .problem import Problem
 
 _NEUTRAL = np.array([0, 0, 0, 0, 0, 0, 0, 0, 1.0])
@@ -56,10 +57,14 @@ _OVERRIDES: dict[LensChoice, tuple[str, ...]] = {
 
 @dataclass(frozen=True, eq=False)
 class LensChoices:
-    """free (C, 9) bool, and a sentence for each camera that says why."""
+    """free (C, 9) bool, and a sentence for each camera that says why.
+
+    principal_sigma: width of the prior of principal points, as a share of the image's larger side.
+    """
 
     free: Array
     reasons: tuple[str, ...]
+    principal_sigma: float
 
 
 def _mask(names: tuple[str, ...]) -> Array:
@@ -84,7 +89,7 @@ def choose_lenses(
     reasons = ["given and kept fixed" if c.fixed else f"asked for: {c.lens}" for c in problem.cameras]
     automatic = [row for row, c in enumerate(problem.cameras) if not c.fixed and c.lens == "auto"]
     if not automatic:
-        return LensChoices(free, tuple(reasons))
+        return LensChoices(free, tuple(reasons), PRINCIPAL_SIGMA)
     everything = freedom.lens.copy()
     everything[automatic] = True
     step, covariance = _full_step(observations, state, freedom, everything, noise)
@@ -101,7 +106,10 @@ def choose_lenses(
             free[automatic] = _mask(_STRAIGHT)
             for row in automatic:
                 reasons[row] = f"no distortion: none in any camera is {_times(odds)} times as likely as some"
-    return LensChoices(free, tuple(reasons))
+    away = state.lens + step[:, :9] - freedom.prior_mean
+    lens_covariance = covariance.reshape(len(free), size, len(free), size)[:, :9, :, :9]
+    principal_sigma = _principal_sigma(problem, away, lens_covariance, free, everything)
+    return LensChoices(free, tuple(reasons), principal_sigma)
 
 
 def _times(odds: float) -> str:
@@ -119,6 +127,26 @@ def _straight_odds(state: State, step: Array, covariance: Array, freedom: Freedo
         out = np.array([away[row, column] for row in automatic for column in columns])
         scores.append(_cost_of_neutral(out, covariance[np.ix_(index, index)], variance))
     return (scores[0] - scores[1]) / 2
+
+
+def _principal_sigma(problem: Problem, away: Array, covariance: Array, free: Array, opened: Array) -> float:
+    """Width of the prior of principal points under the lenses that were chosen.
+
+    away (C, 9), covariance (C, 9, C, 9): the posterior with all of `opened` free, of which only `free` stay.
+    """
+    cameras = [i for i, c in enumerate(problem.cameras) if c.intrinsics is None and free[i, 1] and free[i, 2]]
+    if len(cameras) < 2:
+        return PRINCIPAL_SIGMA
+    flat, joint = away.ravel(), covariance.reshape(away.size, away.size)
+    points = np.array([9 * camera + column for camera in cameras for column in (1, 2)])
+    dropped = np.flatnonzero((opened & ~free).ravel())
+    offset, own = flat[points], joint[np.ix_(points, points)]
+    if len(dropped):
+        gain = np.linalg.solve(joint[np.ix_(dropped, dropped)], joint[np.ix_(dropped, points)]).T
+        offset = offset - gain @ flat[dropped]
+        own = own - gain @ joint[np.ix_(dropped, points)]
+    size = np.repeat([float(max(problem.cameras[c].width, problem.cameras[c].height)) for c in cameras], 2)
+    return learned_sigma(offset, own, size)
 
 
 def _cost_of_neutral(away: Array, covariance: Array, prior_variance: Array) -> float:

@@ -45,13 +45,15 @@ class Observations:
         )
         return Observations(groups, self.camera, self.node, self.cameras, self.nodes)
 
-    def with_nodes(self, node: Array, nodes: int) -> "Observations":
-        """The same Views of other rectangle poses: `node` (V,) in the order of the Views."""
-        groups = tuple(
-            ObservationGroup(g.view, g.camera, node[g.view], g.points, g.pixels, g.weights, g.model)
-            for g in self.groups
-        )
-        return Observations(groups, self.camera, node, self.cameras, nodes)
+    def only(self, chosen: Array) -> "Observations":
+        """The chosen (V,) Views alone; all keep their numbers."""
+        groups = []
+        for g in self.groups:
+            rows = np.flatnonzero(chosen[g.view])
+            if len(rows):
+                parts = (a[rows] for a in (g.view, g.camera, g.node, g.points, g.pixels, g.weights))
+                groups.append(ObservationGroup(*parts, g.model))
+        return Observations(tuple(groups), self.camera, self.node, self.cameras, self.nodes)
 
     @property
     def count(self) -> int:

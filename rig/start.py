@@ -18,7 +18,7 @@ from quadrig.single.rectangle import rectangle_corners
 from quadrig.single.rotation import Array, nearest_rotation
 
 from .adjust import Freedom, adjust
-from .normal_equations import State, linearise
+from .normal_equations import State, layout, linearise
 from .observations import Observations, pack
 from .outliers import robust_noise
 from .problem import Problem
@@ -33,8 +33,9 @@ LEAST_NOISE = 0.02
 _TWIN_COST = 40.0
 # Standard deviations of lens parameters before any data, for lenses people use: without data they stay neutral.
 PRIOR_SIGMA = {"k1": 0.3, "k2": 0.2, "p1": 0.003, "p2": 0.003, "k3": 0.2, "aspect": 0.005}
-# Half of the steps before, half after the noise is first known: the joint adjustment has the last word anyway.
-_MONO_STEPS = 6
+# Steps before and after the noise is first known: the joint adjustment has the last word anyway.
+_MONO_STEPS = (3, 2)
+_NO_LENS = np.zeros(0, int)
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,20 +183,15 @@ def _refine(problem: Problem, observations: Observations, lens: Array, poses: Po
     information[:, 0] = 1 / lens[:, 0] ** 2
     mean[:, 0] = lens[:, 0]
     freedom = Freedom(free, np.zeros(cameras, bool), np.ones(observations.nodes, bool), mean, information)
-    noise = 1.0
-    for _ in range(2):
-        noise = _noise(observations, state)
-        state = adjust(observations, state, freedom, noise, robust=True, most_steps=_MONO_STEPS // 2).state
-    noise = _noise(observations, state)
+    tables = layout(observations)
+    noise = max(robust_noise(observations, linearise(observations, state, _NO_LENS, 1.0, False).squares), LEAST_NOISE)
+    for steps in _MONO_STEPS:
+        found = adjust(observations, state, freedom, noise, True, steps, tables)
+        state, noise = found.state, max(robust_noise(observations, found.linearised.squares), LEAST_NOISE)
     # Every View spent six of its coordinates on its pose, every camera two on its lens: what is left shows less.
     coordinates, spent = 2 * observations.count, 6 * observations.nodes + int(free.sum())
     noise *= np.sqrt(coordinates / max(coordinates - spent, 0.1 * coordinates))
     return state.lens, state.rig_from_rect, float(noise)
-
-
-def _noise(observations: Observations, state: State) -> float:
-    squares = linearise(observations, state, np.zeros(0, int), 1.0, False).squares
-    return max(robust_noise(observations, squares), LEAST_NOISE)
 
 
 def _candidates(
@@ -242,7 +238,7 @@ def _covariances(observations: Observations, lens: Array, poses: Pose, noise: fl
     """Covariance (V, 6, 6) of each View's own pose for its lens, and its chi-square (V,)."""
     cameras = len(lens)
     state = State(lens, Pose(np.tile(np.eye(3), (cameras, 1, 1)), np.zeros((cameras, 3))), poses)
-    gram = linearise(observations, state, np.zeros(0, int), noise, False).gram
+    gram = linearise(observations, state, _NO_LENS, noise, False).gram
     # A View of no information (all points behind) gets a doubt that no vote will count.
     information = gram[:, :6, :6] + 1e-9 * np.eye(6)
     behind = np.trace(gram[:, :6, :6], axis1=-2, axis2=-1) == 0
@@ -254,11 +250,11 @@ def _refined_twins(
 ) -> Pose:
     cameras = len(problem.cameras)
     still = np.zeros((cameras, 9))
-    nodes = np.zeros(observations.nodes, bool)
-    nodes[weak] = True
-    freedom = Freedom(np.zeros((cameras, 9), bool), np.zeros(cameras, bool), nodes, still, still)
+    chosen = np.zeros(observations.nodes, bool)
+    chosen[weak] = True
+    freedom = Freedom(np.zeros((cameras, 9), bool), np.zeros(cameras, bool), chosen, still, still)
     state = State(lens, Pose(np.tile(np.eye(3), (cameras, 1, 1)), np.zeros((cameras, 3))), twin)
-    return adjust(observations, state, freedom, noise, robust=True, most_steps=4).state.rig_from_rect
+    return adjust(observations.only(chosen), state, freedom, noise, robust=True, most_steps=4).state.rig_from_rect
 
 
 def _differs(first: Pose, other: Pose, covariance: Array) -> Array:
