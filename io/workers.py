@@ -19,6 +19,8 @@ Result = TypeVar("Result")
 
 # A worker may be killed by chance (memory, a colleague); a task that kills three in a row is itself the cause.
 _ROUNDS_WITHOUT_PROGRESS = 3
+# A process that is told to end is gone in milliseconds, unless the disk holds it; Ctrl-C promises a second.
+_SECONDS_TO_END = 0.3
 
 
 def default_workers() -> int:
@@ -95,8 +97,11 @@ def _pool(workers: int) -> Iterator[ProcessPoolExecutor]:
     finally:
         if not finished:
             # Their tasks would run on for seconds, and at exit Python would wait for them.
-            for process in set(multiprocessing.active_children()) - before:
+            ended = set(multiprocessing.active_children()) - before
+            for process in ended:
                 process.terminate()
+            for process in ended:
+                process.join(_SECONDS_TO_END)
         pool.shutdown(wait=finished, cancel_futures=True)
 
 
