@@ -29,7 +29,7 @@ def detect(image: Array, rectangles: Sequence[Rectangle]) -> list[View]:
     views: dict[str, View] = {}
     for (dictionary, inverted), members in _by_dictionary(rectangles).items():
         seen = 255 - grey if inverted else grey
-        found = find_tags(seen, dictionary)
+        found = find_tags(seen, dictionary, _wanted(members))
         tags = [r for r in members if isinstance(r.marking, TagMarking)]
         for view in detect_tags(seen, tags, found):
             views[view.rectangle] = view
@@ -69,7 +69,7 @@ def check_rectangles(rectangles: Sequence[Rectangle]) -> None:
             owners[mark] = rectangle.name
 
 
-def _marks(rectangle: Rectangle) -> list[object]:
+def _marks(rectangle: Rectangle) -> list[tuple]:
     """What a picture can show of a rectangle that no other may have."""
     marking = rectangle.marking
     if isinstance(marking, TagMarking):
@@ -80,7 +80,12 @@ def _marks(rectangle: Rectangle) -> list[object]:
         return [(name, marking.inverted, tag_id) for tag_id in range(marking.first_id, last)]
     if isinstance(marking, ChessboardMarking):
         return [("chessboard", *sorted((marking.columns, marking.rows)))]
-    return ["plain"] if isinstance(marking, PlainMarking) else []
+    return [("plain",)] if isinstance(marking, PlainMarking) else []
+
+
+def _wanted(members: Sequence[Rectangle]) -> set[int]:
+    """The tag ids that these rectangles bear."""
+    return {mark[2] for rectangle in members for mark in _marks(rectangle)}
 
 
 def _by_dictionary(rectangles: Sequence[Rectangle]) -> dict[tuple[str, bool], list[Rectangle]]:

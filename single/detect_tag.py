@@ -1,6 +1,6 @@
 """Tags: which squares of a dictionary are in an image, and their corners to sub-pixel accuracy."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from functools import lru_cache
 
 import cv2
@@ -14,6 +14,8 @@ from .view import View
 
 # OpenCV's order is top left, top right, bottom right, bottom left; Eq. 4's begins at the bottom right.
 _EQ4_FROM_OPENCV = [2, 3, 0, 1]
+# Longer side (px) of an image above which half of it is searched first: tags are large in large images.
+_LARGE = 2000
 # px that the fit may move a corner from where the outline's polygon put it, beside a tenth of the side: contours
 # run through pixel centres and are up to a pixel off, more where blur is strong.
 _FARTHEST = 2.5
@@ -38,23 +40,62 @@ _MODEL_SIGMA = 0.02
 _LEAST_PERIMETER, _LEAST_PERIMETER_RATE = 38.4, 0.03
 
 
-@lru_cache(maxsize=64)
-def _detector(dictionary: str, perimeter_rate: float) -> cv2.aruco.ArucoDetector:
+@lru_cache(maxsize=256)
+def _detector(
+    dictionary: str, wanted: tuple[int, ...] | None, windows: tuple[int, int], perimeter_rate: float
+) -> cv2.aruco.ArucoDetector:
     parameters = cv2.aruco.DetectorParameters()
     parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_NONE
     parameters.minMarkerPerimeterRate = perimeter_rate
-    return cv2.aruco.ArucoDetector(tag_dictionary(dictionary), parameters)
+    parameters.adaptiveThreshWinSizeMin, parameters.adaptiveThreshWinSizeMax = windows
+    whole = tag_dictionary(dictionary)
+    if wanted is None:
+        return cv2.aruco.ArucoDetector(whole, parameters)
+    # Comparing a candidate with all tags of a large dictionary takes ten times as long as finding it.
+    few = cv2.aruco.Dictionary(whole.bytesList[list(wanted)].copy(), whole.markerSize, whole.maxCorrectionBits)
+    return cv2.aruco.ArucoDetector(few, parameters)
 
 
-def find_tags(grey: Array, dictionary: str) -> dict[int, list[Array]]:
-    """Rough corners (4, 2) px, top left first and clockwise on the printed tag, of every tag seen, by id."""
+def find_tags(grey: Array, dictionary: str, wanted: Iterable[int] | None = None) -> dict[int, list[Array]]:
+    """Rough corners (4, 2) px, top left first and clockwise on the printed tag, of every tag seen, by id.
+
+    wanted: the ids that matter; all of the dictionary where None. Passes over the image go from quick to slow, and
+    to smaller images, where blur counts less, until all wanted tags are found.
+    """
+    missing = None if wanted is None else tuple(sorted(set(wanted)))
+    found: dict[int, list[Array]] = {}
+    for scale, windows in _passes(max(grey.shape)):
+        image = cv2.resize(grey, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA) if scale < 1 else grey
+        for tag_id, quads in _find_once(image, dictionary, missing, windows).items():
+            if tag_id not in found:
+                found[tag_id] = [(quad + 0.5) / scale - 0.5 for quad in quads]
+        if missing is not None:
+            missing = tuple(tag_id for tag_id in missing if tag_id not in found)
+            if not missing:
+                break
+    return found
+
+
+def _passes(longer_side: int) -> list[tuple[float, tuple[int, int]]]:
+    """Scale of the image and windows (px) of the threshold, for each pass."""
+    finer, scale = [], 1.0
+    while longer_side * scale > _LARGE:
+        finer.insert(0, (scale, (5, 25)))
+        scale /= 2
+    return [(scale, (5, 5)), (scale / 2, (5, 15)), (scale, (15, 25)), *finer]
+
+
+def _find_once(
+    image: Array, dictionary: str, wanted: tuple[int, ...] | None, windows: tuple[int, int]
+) -> dict[int, list[Array]]:
     # Rounded, so that windows of all sizes share few detectors.
-    rate = max(_LEAST_PERIMETER_RATE, round(_LEAST_PERIMETER / max(grey.shape), 2))
-    corners, ids, _ = _detector(dictionary, rate).detectMarkers(grey)
+    rate = max(_LEAST_PERIMETER_RATE, round(_LEAST_PERIMETER / max(image.shape), 2))
+    corners, ids, _ = _detector(dictionary, wanted, windows, rate).detectMarkers(image)
     found: dict[int, list[Array]] = {}
     if ids is not None:
         for tag_id, quad in zip(np.ravel(ids), corners, strict=True):
-            found.setdefault(int(tag_id), []).append(np.asarray(quad, float).reshape(4, 2))
+            own = int(tag_id) if wanted is None else wanted[int(tag_id)]
+            found.setdefault(own, []).append(np.asarray(quad, float).reshape(4, 2))
     return found
 
 
