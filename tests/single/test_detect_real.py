@@ -1,0 +1,57 @@
+"""Detection on pictures of real cameras."""
+
+import cv2
+import numpy as np
+import pytest
+
+from quadrig.single.detect import detect
+from quadrig.single.rectangle import CharucoMarking, ChessboardMarking, Rectangle, TagMarking
+from quadrig.single.view import View
+
+
+def plane_rms(view: View) -> float:
+    """px by which a View departs from a homography of its board; distortion of a narrow lens bends it a little."""
+    homography, _ = cv2.findHomography(view.points[:, :2], view.pixels)
+    seen = cv2.perspectiveTransform(view.points[:, None, :2], homography)[:, 0]
+    return float(np.sqrt(np.mean((seen - view.pixels) ** 2)))
+
+
+@pytest.mark.parametrize("side", ["left", "right"])
+def test_every_chessboard_of_the_stereo_pairs_is_found_in_one_reading(shared_data, side):
+    board = Rectangle("board", 0.25, 0.175, ChessboardMarking(10, 7, 0.025))
+    pictures = sorted((shared_data / "stereo").glob(f"{side}[0-9]*.jpg"))
+    views = [view for path in pictures for view in detect(cv2.imread(str(path)), [board])]
+    assert len(views) == len(pictures) == 13
+    assert all(v.alternatives == () for v in views)
+    lens = cv2.calibrateCamera(
+        [v.points.astype(np.float32) for v in views],
+        [v.pixels.astype(np.float32) for v in views],
+        (640, 480),
+        np.eye(3),
+        np.zeros(5),
+    )
+    # Corners refined over windows wider than a square leave 0.41 and 0.46 px with the same lens model.
+    assert lens[0] < 0.2
+
+
+def test_square_on_the_floor_is_found_by_all_fifteen_cameras(shared_data):
+    square = Rectangle("floor", 0.15, 0.15, TagMarking("DICT_4X4_250", 0))
+    for path in sorted((shared_data / "floor" / "images").glob("*.jpg")):
+        views = detect(cv2.imread(str(path), cv2.IMREAD_GRAYSCALE), [square])
+        assert len(views) == 1, path.name
+        assert views[0].sigma < 0.1
+
+
+@pytest.mark.parametrize(("camera", "least"), [(0, 15), (1, 11), (2, 14), (3, 15)])
+def test_inverted_legacy_board_is_found_as_often_as_by_plain_opencv(shared_data, camera, least):
+    marking = CharucoMarking(4, 5, 0.054, 0.0405, "DICT_4X4_1000", legacy=True, inverted=True)
+    board = Rectangle("board", 0.216, 0.270, marking)
+    video = cv2.VideoCapture(str(shared_data / "webcams" / f"cam_{camera}.mp4"))
+    views = []
+    for index in range(111):
+        video.grab()
+        if index % 3 == 0:
+            views += detect(video.retrieve()[1], [board])
+    assert len(views) >= least
+    # A wrong corner would be off by a square's side, some 30 px; strong distortion bends a board by a few.
+    assert max(plane_rms(v) for v in views) < 6

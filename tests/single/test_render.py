@@ -1,0 +1,136 @@
+"""The renderer against geometry that is known without it."""
+
+import numpy as np
+import pytest
+
+from quadrig.single.lens import Intrinsics
+from quadrig.single.marking_image import marking_image, marking_patches, quiet_zone
+from quadrig.single.pose import Pose
+from quadrig.single.rectangle import (
+    CharucoMarking,
+    ChessboardMarking,
+    PlainMarking,
+    Rectangle,
+    TagMarking,
+)
+from quadrig.single.render import Sheet, backdrop, ray_grid, render
+from quadrig.single.room import Room
+
+STRAIGHT = Intrinsics.centred(160, 120, 200.0)
+BENT = Intrinsics(160, 120, 130.0, np.array([80.0, 58.0]), np.array([-0.25, 0.08, 1e-3, -5e-4, 0.0]))
+SHEET = Rectangle("sheet", 0.2, 0.1, PlainMarking())
+
+
+def facing(x: float, y: float, z: float) -> Pose:
+    return Pose(np.eye(3), np.array([x, y, z]))
+
+
+def test_light_of_a_sheet_is_its_projected_area():
+    sheet = Sheet(SHEET, facing(0.013, -0.007, 0.5), tone=1.0)
+    image = render(STRAIGHT, Pose.identity(), [sheet], background=0.0, samples=8, colour=False)
+    area = (0.2 * 200 / 0.5) * (0.1 * 200 / 0.5)
+    # Eight samples a side and whole grey levels leave a hundredth of a pixel's area along the outline.
+    assert image.sum() / 255 == pytest.approx(area, rel=2e-3)
+
+
+def test_middle_of_light_is_where_the_lens_puts_it():
+    small = Rectangle("small", 0.01, 0.01, PlainMarking())
+    pose = facing(0.18, 0.12, 0.5)
+    image = render(BENT, Pose.identity(), [Sheet(small, pose, tone=1.0)], background=0.0, samples=8, colour=False)
+    y, x = np.mgrid[: image.shape[0], : image.shape[1]]
+    middle = np.array([(x * image).sum(), (y * image).sum()]) / image.sum()
+    # The square is 3 px wide: distortion moves its middle against the projected middle by less than this.
+    np.testing.assert_allclose(middle, BENT.project(pose.translation), atol=0.02)
+
+
+def test_nearer_sheet_hides_the_other_whatever_their_order():
+    near, far = Sheet(SHEET, facing(0, 0, 0.5), tone=0.9), Sheet(SHEET, facing(0, 0, 0.8), tone=0.2)
+    images = [render(STRAIGHT, Pose.identity(), order, colour=False) for order in ([near, far], [far, near])]
+    np.testing.assert_array_equal(*images)
+    assert images[0][60, 80] == pytest.approx(0.9 * 255, abs=2)
+
+
+def test_what_lies_on_a_sheet_later_in_the_list_is_on_top():
+    table = Sheet(Rectangle("table", 2.0, 2.0, PlainMarking()), facing(0.6, 0, 0.8), tone=0.2)
+    card = Sheet(SHEET, facing(0, 0, 0.8), tone=0.9)
+    image = render(STRAIGHT, Pose.identity(), [table, card], colour=False)
+    assert image[60, 80] > 200
+
+
+def test_back_of_a_sheet_is_blank():
+    tag = Rectangle("tag", 0.2, 0.2, TagMarking("aruco_4x4_50", 1))
+    turned = Pose(np.diag([-1.0, 1.0, -1.0]), np.array([0, 0, 0.6]))
+    front, back = (
+        render(STRAIGHT, Pose.identity(), [Sheet(tag, pose)], background=0.5, colour=False)
+        for pose in (facing(0, 0, 0.6), turned)
+    )
+    assert front[40:80, 60:100].std() > 50
+    assert back[40:80, 60:100].std() < 1
+
+
+def test_motion_spreads_an_edge_but_keeps_its_light():
+    still = Sheet(SHEET, facing(0, 0, 0.5), tone=1.0)
+    moved = Sheet(SHEET, facing(0, 0, 0.5), tone=1.0, motion=np.array([0, 0, 0, 0.02, 0, 0]))
+    sharp, soft = (
+        render(STRAIGHT, Pose.identity(), [s], background=0.0, colour=False).astype(float) for s in (still, moved)
+    )
+    assert soft.sum() == pytest.approx(sharp.sum(), rel=0.01)
+    # 0.02 m at 0.5 m and focal 200 are 8 px, so the edge is some 8 px wide.
+    between = (soft[60] > 20) & (soft[60] < 235)
+    assert 12 <= between.sum() <= 20
+
+
+def test_noise_and_exposure_are_what_was_asked_for():
+    image = render(
+        STRAIGHT, Pose.identity(), [], background=0.4, noise=3.0, exposure=1.2, rng=np.random.default_rng(4)
+    )
+    assert image.shape == (120, 160, 3)
+    assert image.mean() == pytest.approx(0.4 * 1.2 * 255, abs=0.2)
+    assert image[..., 0].std() == pytest.approx(3.0, rel=0.05)
+
+
+def test_same_seed_gives_the_same_picture():
+    pictures = [render(STRAIGHT, Pose.identity(), [], noise=2.0, rng=np.random.default_rng(9)) for _ in range(2)]
+    np.testing.assert_array_equal(*pictures)
+
+
+def test_sheet_behind_the_camera_is_not_seen():
+    image = render(STRAIGHT, Pose.identity(), [Sheet(SHEET, facing(0, 0, -0.5))], background=0.5, colour=False)
+    assert np.ptp(image) == 0
+
+
+def test_room_is_lit_and_soft():
+    grid = ray_grid(BENT)
+    light = backdrop(grid, Pose(np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]), np.array([0, 1.5, 1])), Room())
+    assert light.shape == (120, 160, 3)
+    assert 0.1 < light.mean() < 0.9
+    assert np.isfinite(light).all()
+
+
+@pytest.mark.parametrize(
+    "marking",
+    [
+        TagMarking("apriltag_36h11", 3),
+        CharucoMarking(5, 4, 0.04, 0.03, "aruco_4x4_50"),
+        CharucoMarking(5, 4, 0.04, 0.03, "aruco_4x4_50", legacy=True, inverted=True, first_id=7),
+        ChessboardMarking(5, 4, 0.04),
+        PlainMarking(),
+    ],
+)
+def test_patches_fill_the_rectangle_and_stay_within_the_sheet(marking):
+    rectangle = Rectangle("r", 0.2, 0.16, marking)
+    sheet, *rest = marking_patches(rectangle)
+    assert sheet.right == pytest.approx(0.1 + quiet_zone(rectangle))
+    if rest:
+        assert min(p.left for p in rest) >= -0.1 - 1e-12
+        assert max(p.bottom for p in rest) <= 0.08 + 1e-12
+    image = marking_image(rectangle, 1000.0)
+    assert image.min() >= 0
+    assert image.max() <= 1
+
+
+def test_picture_of_a_marking_keeps_its_ink_at_any_scale():
+    rectangle = Rectangle("r", 0.2, 0.16, ChessboardMarking(5, 4, 0.04))
+    for density in (500.0, 777.7, 1234.5):
+        ink = (1 - marking_image(rectangle, density)).sum() / density**2
+        assert ink == pytest.approx(0.2 * 0.16 / 2, rel=1e-3)
