@@ -74,7 +74,7 @@ def _over_pool(
 def _completed(
     executor: Executor, function: Callable[[Task], Result], tasks: Sequence[tuple[int, Task]]
 ) -> Iterator[tuple[int, Result]]:
-    with _starting_processes():
+    with _starting_processes(with_script=function.__module__ == "__main__"):
         futures: dict[Future[Result], int] = {executor.submit(function, task): index for index, task in tasks}
     try:
         for future in as_completed(futures):
@@ -106,20 +106,20 @@ def _pool(workers: int) -> Iterator[ProcessPoolExecutor]:
 
 
 @contextmanager
-def _starting_processes() -> Iterator[None]:
+def _starting_processes(with_script: bool) -> Iterator[None]:
     """While worker processes start: they inherit that Ctrl-C is the parent's business, and no script of the user's.
 
-    A new process would run the user's script once more up to its `if __name__ == "__main__"`, and scripts without
-    that line without end; our tasks need nothing from it.
+    A new process runs the user's script once more up to its `if __name__ == "__main__"`, and a script without that
+    line without end; tasks of ours need nothing from it, with_script: this one does.
     """
     main = sys.modules["__main__"]
-    hidden = {name: vars(main)[name] for name in ("__file__", "__spec__") if name in vars(main)}
+    names = () if with_script else ("__file__", "__spec__")
+    hidden = {name: vars(main)[name] for name in names if name in vars(main)}
     blocked = (
         signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT}) if hasattr(signal, "pthread_sigmask") else None
     )
     try:
-        vars(main).pop("__file__", None)
-        main.__spec__ = None
+        vars(main).update(dict.fromkeys(hidden))
         yield
     finally:
         vars(main).update(hidden)
