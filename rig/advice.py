@@ -18,10 +18,10 @@ from .next_view import (
     expected_drop_in_hand,
     imagine,
     seen,
-    volume_of,
     within_reach,
 )
 from .result import Rig
+from .working_accuracy import covered_points
 
 AdviceKind = Literal["show", "connect", "tilt", "region", "share", "nearer", "farther", "done"]
 
@@ -32,6 +32,8 @@ _REFUSED_METRES = 0.35
 # A ghost counts as reached when the sheet's middle is this near and it is turned this little away: a placement
 # within them gives nine tenths of the expected drop.
 _REACHED_METRES, _REACHED_ANGLE = 0.12, np.deg2rad(20)
+# Two cameras that saw this many sheets together need not be told again to share.
+_ENOUGH_COMMON = 3
 _REGION_WORDS = {
     (-1, -1): "upper left corner", (0, -1): "upper edge", (1, -1): "upper right corner",
     (-1, 0): "left edge", (0, 0): "middle", (1, 0): "right edge",
@@ -176,13 +178,13 @@ def _unplaced(situation: Situation) -> Advice:
 
 def best_placement(situation: Situation, rig: Rig) -> Advice | None:
     """The placement that lowers the rig's doubt most and why, in a sentence; None where nothing helps."""
-    volume = volume_of(rig)
+    volume = covered_points(rig.rectangles)
     weight = accuracy_weight(rig.cameras, volume)
     before = float(np.trace(weight @ rig.covariance))
     best: tuple[float, Placements, Array, Array, int] | None = None
     for rectangle in _in_hand(situation.rectangles):
         placements = imagine(rig.cameras, rectangle)
-        good = within_reach(rig.cameras, placements, volume) & ~_refused(placements, situation.refused)
+        good = within_reach(placements, volume) & ~_refused(placements, situation.refused)
         good &= seen(rig.cameras, placements).any(1)
         if not good.any():
             continue
@@ -196,7 +198,7 @@ def best_placement(situation: Situation, rig: Rig) -> Advice | None:
     if best is None or not best[0] > 0:
         return None
     drop, placements, sees, drops, chosen = best
-    kind, sentence, concerned = _why(rig, placements, sees, drops, chosen, weight)
+    kind, sentence, concerned = _why(situation, rig, placements, sees, drops, chosen, weight)
     after = float(np.sqrt(max(before - drop, 0)))
     ghost = placements.rig_from_rect[chosen]
     return Advice(kind, sentence, concerned, placements.rectangle.name, ghost, after)
@@ -220,7 +222,7 @@ def _refused(placements: Placements, refused: Collection[Pose]) -> Array:
 
 
 def _why(
-    rig: Rig, placements: Placements, sees: Array, drops: Array, chosen: int, weight: Array
+    situation: Situation, rig: Rig, placements: Placements, sees: Array, drops: Array, chosen: int, weight: Array
 ) -> tuple[AdviceKind, str, tuple[str, ...]]:
     """What makes the chosen placement better than its plainer neighbours: the change that costs most of the drop."""
     camera = rig.cameras[int(placements.camera[chosen])].name
@@ -236,10 +238,12 @@ def _why(
         losses["tilt"] = _loss(drops, chosen, flat)
     if row.any():
         losses["region"] = _loss(drops, chosen, middle)
-    losses["nearer" if fill > 0.25 else "farther"] = 0.5 * _loss(drops, chosen, elsewhere)
+    if elsewhere.any():
+        losses["nearer" if fill > 0.25 else "farther"] = 0.5 * _loss(drops, chosen, elsewhere)
     if together:
-        losses["share"] = together[1]
-    kind = max(losses, key=lambda k: losses[k])
+        common = _common_views(situation, camera, together[0])
+        losses["share"] = together[1] / (1 + common / _ENOUGH_COMMON)
+    kind = max(losses, key=lambda k: losses[k]) if losses else "region"
     where = _REGION_WORDS[(int(row[0]), int(row[1]))]
     if kind == "share" and together:
         return kind, f"hold the sheet where {camera} and {together[0]} both see it", (camera, together[0])
@@ -251,6 +255,15 @@ def _why(
     if kind == "nearer":
         return kind, f"{camera}: hold the sheet nearer to the camera", (camera,)
     return kind, f"{camera}: hold the sheet farther from the camera", (camera,)
+
+
+def _common_views(situation: Situation, first: str, second: str) -> int:
+    """How often two cameras saw one rectangle at once."""
+    seen_by = {
+        camera: {(v.rectangle, v.frameset) for v in situation.views if v.camera == camera}
+        for camera in (first, second)
+    }
+    return len(seen_by[first] & seen_by[second])
 
 
 def _loss(drops: Array, chosen: int, plainer: Array) -> float:

@@ -1,6 +1,6 @@
 """What goes wrong while pictures are taken, recognised from pictures and Views and said in words."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -29,11 +29,6 @@ _DARK = 45
 _BLUR_SIGMA = 2.5
 # Motion smears the edges across it and not those along it; optics smear all alike within this ratio.
 _SMEAR_RATIO = 1.8
-# A sheet moved less than this (of the picture's diagonal) since a kept View tells nothing that is new.
-_NEWS = 0.015
-# Speeds above this (picture diagonals a second) smear a 10 ms exposure over more than a pixel and a half of 720p,
-# and displace the sheet between cameras that are 10 ms apart by as much.
-FASTEST = 0.12
 
 
 @dataclass(frozen=True)
@@ -145,21 +140,6 @@ def _inside(grey: Picture, view: View) -> Array:
     return cut[mask > 0]
 
 
-def moved(before: View, after: View, diagonal: float) -> float:
-    """How far the sheet moved between two Views of one camera: largest corner shift over the picture's diagonal."""
-    return float(np.linalg.norm(outer_corners(before) - outer_corners(after), axis=1).max() / diagonal)
-
-
-def is_news(views: Sequence[View], kept: Iterable[View], diagonals: Mapping[str, float]) -> bool:
-    """Whether some View of a frameset differs from every kept View of its camera and rectangle."""
-    return any(_differs(view, kept, diagonals[view.camera]) for view in views)
-
-
-def _differs(view: View, kept: Iterable[View], diagonal: float) -> bool:
-    same = [k for k in kept if k.camera == view.camera and k.rectangle == view.rectangle]
-    return all(moved(k, view, diagonal) > _NEWS for k in same)
-
-
 def held_still_fault(seconds: float, patience: float = 4.0) -> Fault | None:
     """Said when nothing new was seen for `seconds` while the sheet was in view."""
     if seconds < patience:
@@ -208,21 +188,11 @@ def _expected(rectangle: Rectangle) -> str:
     return f"a {marking.kind}"
 
 
-def not_static_fault(
-    kept: Sequence[View], rectangles: Sequence[Rectangle], diagonals: Mapping[str, float]
-) -> Fault | None:
-    """A static rectangle that stands elsewhere in a camera's later picture."""
-    static = {r.name for r in rectangles if not r.moving}
-    first: dict[tuple[str, str], View] = {}
-    for view in kept:
-        if view.rectangle not in static:
-            continue
-        earlier = first.setdefault((view.camera, view.rectangle), view)
-        if moved(earlier, view, diagonals[view.camera]) > 2 * _NEWS:
-            return Fault(
-                "not static",
-                f"{view.rectangle} moves in the picture of {view.camera}, but rig.toml calls it static; "
-                "set moving = true, or leave it and the camera alone",
-                view.camera,
-            )
-    return None
+def not_static_fault(rectangle: str, camera: str) -> Fault:
+    """Said of a rectangle that rig.toml calls static and that moved in a camera's picture."""
+    return Fault(
+        "not static",
+        f"{rectangle} moves in the picture of {camera}, but rig.toml calls it static; set moving = true, or leave it "
+        "and the camera alone",
+        camera,
+    )

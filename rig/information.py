@@ -148,9 +148,3 @@ def point_sigmas(cameras: Sequence[Camera], covariance: Array, points: Array) ->
 
 def _free(camera: Camera) -> Array:
     return np.array([name in camera.free_lens for name in LENS_PARAMETERS], float)
-
-
-def accuracy_of(sigmas: Array) -> float:
-    """One figure for a volume: the root mean square of the sigmas (N,) of its points; nan where none has one."""
-    known = sigmas[np.isfinite(sigmas)]
-    return float(np.sqrt(np.mean(known**2))) if len(known) else float("nan")

@@ -38,11 +38,11 @@ def triangulation_covariance(cameras: Sequence[Camera], covariance: Array, point
     derivatives = triangulation_derivatives(cameras, points, sees)
     possible = np.isfinite(derivatives).all(axis=(1, 2))
     points, derivatives = points[possible], derivatives[possible].reshape(3 * int(possible.sum()), -1)
-    shape = derivatives - _rigid_part(points, derivatives)
+    shape = derivatives - rigid_part(points, derivatives)
     return points, shape @ covariance @ shape.T
 
 
-def _rigid_part(points: Array, motion: Array) -> Array:
+def rigid_part(points: Array, motion: Array) -> Array:
     """What of a motion (3 N, K) of points is one rigid motion of all of them, by least squares."""
     arm = points - points.mean(axis=0) if len(points) else points
     basis = np.zeros((len(points), 3, 6))

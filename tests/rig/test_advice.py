@@ -7,7 +7,6 @@ import pytest
 
 from quadrig.rig.advice import Situation, advise, best_placement, connected, millimetres, reached
 from quadrig.rig.information import (
-    accuracy_of,
     camera_derivatives,
     camera_information,
     covariance_of,
@@ -23,6 +22,7 @@ from quadrig.rig.next_view import (
     seen,
 )
 from quadrig.rig.result import Camera, PlacedRectangle, Rig
+from quadrig.rig.working_accuracy import working_accuracy
 from quadrig.single.lens import Intrinsics
 from quadrig.single.pose import Pose
 from quadrig.single.rectangle import ChessboardMarking, Rectangle, TagMarking
@@ -83,7 +83,7 @@ def rig_that_saw(cameras, poses, rectangle=SHEET):
     covariance = covariance_of(cameras, information, "cam0", LENS_PRIOR)
     placed = PlacedRectangle(rectangle, batch, np.zeros((len(batch.translation), 6, 6)), np.flatnonzero(kept))
     volume = batch[:, None].transform(rectangle.corners).reshape(-1, 3)
-    accuracy = accuracy_of(point_sigmas(cameras, covariance, volume))
+    accuracy = working_accuracy(cameras, covariance, volume)
     return Rig("cam0", cameras, (placed,), covariance, noise=NOISE, working_accuracy=accuracy)
 
 
@@ -244,12 +244,12 @@ def test_the_ghost_can_be_seen_and_brings_what_is_promised():
     better = rig_that_saw(cameras, [*poses, advice.ghost])
     random = [rig_that_saw(cameras, [*poses, waved(rng, cameras, middle)]) for _ in range(20)]
     volume = middle + rng.uniform(-0.4, 0.4, (40, 3))
-    after = accuracy_of(point_sigmas(cameras, better.covariance, volume))
-    waving = [accuracy_of(point_sigmas(cameras, r.covariance, volume)) for r in random]
+    after = working_accuracy(cameras, better.covariance, volume)
+    waving = [working_accuracy(cameras, r.covariance, volume) for r in random]
     assert after < np.median(waving)
 
 
-def test_cameras_that_saw_only_flat_sheets_are_told_to_tilt():
+def test_cameras_that_saw_only_flat_sheets_are_shown_a_tilt():
     lens = Intrinsics.centred(1280, 720, 950)
     side_by_side = tuple(
         Camera(f"cam{k}", lens, Pose(np.eye(3), np.array([0.4 * k, 0, 0])), ("focal",)) for k in range(2)
@@ -258,10 +258,11 @@ def test_cameras_that_saw_only_flat_sheets_are_told_to_tilt():
     rig = rig_that_saw(side_by_side, flat)
     # Flat sheets leave the focal to distance: 950 px known to no better than a fifth.
     assert rig.focal_sigma("cam0") > 190
-    advice = best_placement(situation_of(side_by_side, rig), rig)
+    advice = best_placement(situation_of(side_by_side, rig, views_of(side_by_side, flat)), rig)
     assert advice is not None
-    assert advice.kind == "tilt"
-    assert "tilt the sheet more" in advice.sentence
+    assert advice.ghost is not None
+    # The best next sheet is not flat: 10 degrees are the least from which anything can tell a focal.
+    assert advice.ghost.rotation[2, 2] < np.cos(np.deg2rad(10))
 
 
 def test_a_refused_ghost_is_not_asked_for_again():
@@ -286,28 +287,30 @@ def test_nothing_is_asked_of_sheets_that_are_fixed_to_the_wall():
     assert advise(situation_of(cameras, rig, views, rectangles=(wall,))).ghost is None
 
 
-@pytest.mark.parametrize("seed", [0, 1])
-def test_obeying_needs_at_most_half_the_framesets_of_waving(seed):
+def framesets_until(accuracy, seed, coached):
+    """How many framesets a person needs who starts with three waved ones; their hand misses a ghost by 6 cm."""
     cameras, middle = four_cameras(seed)
     rng = np.random.default_rng(seed + 50)
-    start = [waved(rng, cameras, middle) for _ in range(5)]
-    waving = rig_that_saw(cameras, start + [waved(rng, cameras, middle) for _ in range(45)])
-    poses, rig = list(start), rig_that_saw(cameras, start)
-    refused: tuple[Pose, ...] = ()
-    while len(poses) < 25:
-        advice = best_placement(situation_of(cameras, rig, refused=refused), rig)
-        assert advice is not None
-        assert advice.ghost is not None
-        # A hand misses the ghost by 6 cm and 9 degrees.
-        hand = Pose(rotation_from_vector(0.15 * rng.standard_normal(3)), np.zeros(3))
-        poses.append(
-            Pose(hand.rotation @ advice.ghost.rotation, advice.ghost.translation + 0.06 * rng.standard_normal(3))
-        )
-        before, rig = rig, rig_that_saw(cameras, poses)
-        refused = (advice.ghost,) if rig.working_accuracy > 0.99 * before.working_accuracy else ()
-    volume = middle + np.random.default_rng(0).uniform(-0.4, 0.4, (60, 3))
-    coached, random = (accuracy_of(point_sigmas(cameras, r.covariance, volume)) for r in (rig, waving))
-    assert coached < random
+    poses = [waved(rng, cameras, middle) for _ in range(3)]
+    rig, refused = rig_that_saw(cameras, poses), ()
+    while rig.working_accuracy > accuracy and len(poses) < 60:
+        before, pose = rig.working_accuracy, waved(rng, cameras, middle)
+        if coached:
+            advice = best_placement(situation_of(cameras, rig, refused=refused), rig)
+            assert advice is not None
+            assert advice.ghost is not None
+            turn = rotation_from_vector(0.15 * rng.standard_normal(3))
+            pose = Pose(turn @ advice.ghost.rotation, advice.ghost.translation + 0.06 * rng.standard_normal(3))
+        poses.append(pose)
+        rig = rig_that_saw(cameras, poses)
+        if coached:
+            refused = (advice.ghost,) if rig.working_accuracy > 0.99 * before else ()
+    return len(poses)
+
+
+def test_obeying_needs_at_most_half_the_framesets_of_waving():
+    counts = {coached: [framesets_until(0.001, seed, coached) for seed in range(6)] for coached in (True, False)}
+    assert sum(counts[True]) <= 0.5 * sum(counts[False])
 
 
 @pytest.mark.parametrize(
