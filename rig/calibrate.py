@@ -45,8 +45,10 @@ def calibrate(
     first = first_rig(problem, begin.candidates, anchor)
     if node is not None:
         first = _in_node_frame(first, node)
-    joint = solve_jointly(problem, begin, first, None if node is not None else anchor, node)
-    return _rig(problem, joint, begin, first, name, missing, [c.name for c in cameras])
+    standing = np.arange(len(problem.cameras)) == (anchor if node is None else -1)
+    joint = solve_jointly(problem, begin, first, standing, node)
+    order = [c.name for c in cameras]
+    return assemble_rig(problem, joint, begin, first, camera_covariance(joint), name, missing, order)
 
 
 def _largest(problem: Problem, reference: str | None) -> list[int]:
@@ -110,16 +112,17 @@ def _in_node_frame(first: FirstRig, node: int) -> FirstRig:
     )
 
 
-def _rig(
+def assemble_rig(
     problem: Problem,
     joint: Joint,
     begin: Start,
     first: FirstRig,
+    covariance: Array,
     reference: str,
     missing: dict[str, str],
     order: list[str],
 ) -> Rig:
-    covariance = camera_covariance(joint)
+    """The Rig of a joint adjustment, cameras in the given order of names. covariance: as Rig.covariance has it."""
     fits = fits_of(problem, joint, first.reading)
     left_out_of_camera, left_out = _left_out(problem, joint, fits)
     cameras = with_figures(cameras_of(problem, joint), fits, left_out_of_camera, covariance)

@@ -54,12 +54,13 @@ class Joint:
 
 
 def solve_jointly(
-    problem: Problem, begin: Start, first: FirstRig, fixed_camera: int | None, fixed_node: int | None
+    problem: Problem, begin: Start, first: FirstRig, standing: Array, fixed_node: int | None = None
 ) -> Joint:
-    """Adjust everything at once. Exactly one of fixed_camera, fixed_node holds the rig frame."""
+    """Adjust everything at once. The cameras that are standing (C,) bool keep their poses, and so does fixed_node:
+    one of them at least holds the rig frame."""
     observations = problem.observations(first.reading)
     tables = layout(observations)
-    freedom = _freedom(problem, observations, starting_lenses(problem), fixed_camera, fixed_node)
+    freedom = _freedom(problem, observations, standing, fixed_node)
     found, noise = _robust(observations, begin, first, freedom, tables)
     if noise > _OUT_OF_STEP * begin.noise:
         noise = begin.noise
@@ -139,17 +140,14 @@ def _changeable(problem: Problem) -> Array:
 def _freedom(
     problem: Problem,
     observations: Observations,
-    lens: Array,
-    fixed_camera: int | None,
+    standing: Array,
     fixed_node: int | None,
 ) -> Freedom:
     mean, information = prior(problem, PRINCIPAL_SIGMA)
-    pose, node = np.ones(observations.cameras, bool), np.ones(observations.nodes, bool)
-    if fixed_camera is not None:
-        pose[fixed_camera] = False
+    node = np.ones(observations.nodes, bool)
     if fixed_node is not None:
         node[fixed_node] = False
-    return Freedom(lens, pose, node, mean, information)
+    return Freedom(starting_lenses(problem), ~standing, node, mean, information)
 
 
 def _robust(
