@@ -65,6 +65,9 @@ def single(
     distortion: Annotated[
         Distortion, typer.Option(help="Lens distortion: none, k1, 'k1 k2', or auto: as far as the points show it.")
     ] = "auto",
+    distortion_sigma: Annotated[
+        float, typer.Option(min=0.0, help="Standard deviation of k1 about 0, where few points cannot show it.")
+    ] = 0.0,
     sigma: Annotated[float | None, typer.Option(help="Standard deviation of a corner, px; else as detected.")] = None,
     save: Annotated[Path | None, typer.Option(help="Write what was found as a rerun file, .rrd.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="The result as JSON.")] = False,
@@ -99,6 +102,7 @@ def single(
         principal_point=None if principal_point is None else np.array(_point(principal_point, "--principal-point")),
         principal_point_sigma=principal_point_sigma,
         distortion=distortion,
+        distortion_sigma=distortion_sigma,
     )
     if save is not None:
         from .single_rerun import save_calibration

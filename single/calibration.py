@@ -100,6 +100,7 @@ def calibrate_view(
     principal_point: Array | None = None,
     principal_point_sigma: float | None = None,
     distortion: Distortion = "auto",
+    distortion_sigma: float = 0.0,
 ) -> Calibration:
     """The camera that took one View: calibrate_views of a single one."""
     return calibrate_views(
@@ -109,6 +110,7 @@ def calibrate_view(
         principal_point=principal_point,
         principal_point_sigma=principal_point_sigma,
         distortion=distortion,
+        distortion_sigma=distortion_sigma,
     )
 
 
@@ -120,12 +122,15 @@ def calibrate_views(
     principal_point: Array | None = None,
     principal_point_sigma: float | None = None,
     distortion: Distortion = "auto",
+    distortion_sigma: float = 0.0,
 ) -> Calibration:
     """The lens that took all these Views and the pose of each rectangle, at the maximum of likelihood.
 
     image_size: width and height px; focal: px where known; principal_point (2,) px: the middle of the picture where
     None; principal_point_sigma: standard deviation of its prior, px: 0 where the principal point is given, two per
-    cent of the longer side where it is not; distortion: "auto" keeps k1 and k2 as far as the Views show them.
+    cent of the longer side where it is not; distortion: "auto" keeps k1 and k2 as far as the Views show them;
+    distortion_sigma: standard deviation of a prior on k1 about 0 (none: 0), so that what a lens may bend and few
+    points cannot show enters the sigmas.
     The noise is the Views' sigma, or what the residuals show where that is more.
     Raises QuadrigError where no View can be solved, with the reason.
     """
@@ -140,7 +145,7 @@ def calibrate_views(
         principal_point_sigma = 0.0 if principal_point is not None else USUAL_CENTRE_SIGMA * max(width, height)
     middle = np.array([(width - 1) / 2, (height - 1) / 2])
     centre = middle if principal_point is None else np.asarray(principal_point, float)
-    given = _Given(image_size, focal, centre, principal_point_sigma)
+    given = _Given(image_size, focal, centre, principal_point_sigma, distortion_sigma)
     views, readings = _likeliest_readings(views, given)
     start, poses = _start(views, given)
     fit, noise = _fitted(views, given, start, poses, distortion)
@@ -153,6 +158,7 @@ class _Given:
     focal: float | None
     centre: Array
     centre_sigma: float
+    distortion_sigma: float
 
 
 def _alone(view: View, given: _Given, points: Array, focal: float | None) -> Solution:
@@ -214,13 +220,14 @@ def _fitted(
     """The fit with as much distortion as asked for or shown, and by how much its noise exceeds the Views' sigma."""
     free = [] if given.focal is not None else ["focal"]
     prior = {"cx": given.centre_sigma, "cy": given.centre_sigma} if given.centre_sigma > 0 else {}
+    if given.distortion_sigma > 0:
+        prior["k1"] = given.distortion_sigma
     points, pixels = [view.points for view in views], [view.pixels for view in views]
     sigma = [view.sigma for view in views]
 
     def fit(intrinsics: Intrinsics, at: Pose, coefficients: Sequence[str], excess: float = 1.0) -> LensFit:
-        return fit_lens(
-            points, pixels, intrinsics, at, [*free, *prior, *coefficients], [s * excess for s in sigma], prior
-        )
+        names = dict.fromkeys([*free, *prior, *coefficients])
+        return fit_lens(points, pixels, intrinsics, at, list(names), [s * excess for s in sigma], prior)
 
     enough = sum(len(p) for p in pixels) >= _POINTS_FOR_DISTORTION * len(views)
     if distortion == "auto":

@@ -35,22 +35,32 @@ class PaperForm:
     rect_from_cam: Pose
 
 
-def paper_form(corners: Array, width: Array | float, height: Array | float, principal_point: Array) -> PaperForm:
-    """Focal and pose by Eqs. 7-49. corners (..., 4, 2) pixels in the order of Eq. 4; sides (...) metres;
-    principal_point (..., 2) pixels. Raises QuadrigError where the corners have another shape."""
+def paper_form(
+    corners: Array,
+    width: Array | float,
+    height: Array | float,
+    principal_point: Array,
+    photographed: bool = True,
+) -> PaperForm:
+    """Focal and pose by Eqs. 7-49.
+
+    corners (..., 4, 2) pixels in the order of Eq. 4; sides (...) metres; principal_point (..., 2) pixels;
+    photographed: False accepts corners behind the camera, as a formal projection puts them in the image.
+    Raises QuadrigError where the corners have another shape.
+    """
     corners = check_shape(corners) - np.asarray(principal_point, float)[..., None, :]
     l1, l2 = np.asarray(width, float) / 2, np.asarray(height, float) / 2
     with np.errstate(all="ignore"):
         theta_z = _theta_z(corners)
         turned, angle = _turned(corners, theta_z)
         answers = [_solve(turned, l1, l2, theta_z + angle + half) for half in (0.0, np.pi)]
-        in_front = [_least_depth(answer, l1, l2) for answer in answers]
-        second = ~(in_front[0] > 0) & (in_front[1] > 0)
+        in_front = [(_depths(answer, l1, l2) > 0).sum(axis=-1) for answer in answers]
+        second = in_front[1] > in_front[0]
         focal, tx, ty, tz, T = (
             np.where(second[(...,) + (None,) * (a.ndim - second.ndim)], b, a) for a, b in zip(*answers, strict=True)
         )
-        none = ~(np.where(second, in_front[1], in_front[0]) > 0)
-        focal = np.where(none, np.nan, focal)
+        if photographed:
+            focal = np.where(np.maximum(*in_front) == 4, focal, np.nan)
     tz = np.remainder(tz - angle + np.pi, 2 * np.pi) - np.pi
     return PaperForm(focal, tx, ty, tz, Pose(rotation_from_angles(tx, ty, tz), T))
 
@@ -106,9 +116,9 @@ def _solve(corners: Array, l1: Array, l2: Array, theta_z: Array) -> tuple[Array,
     return focal, theta_x, theta_y, theta_z, T
 
 
-def _least_depth(answer: tuple[Array, Array, Array, Array, Array], l1: Array, l2: Array) -> Array:
-    """The smallest depth (...) of the four corners in the camera's frame, by Eq. 5."""
+def _depths(answer: tuple[Array, Array, Array, Array, Array], l1: Array, l2: Array) -> Array:
+    """Depths (..., 4) of the corners in the camera's frame, by Eq. 5."""
     _, theta_x, theta_y, theta_z, T = answer
     axis = rotation_from_angles(theta_x, theta_y, theta_z)[..., :, 2]
     offsets = rectangle_corners(2 * l1, 2 * l2) - T[..., None, :]
-    return (offsets * axis[..., None, :]).sum(axis=-1).min(axis=-1)
+    return (offsets * axis[..., None, :]).sum(axis=-1)
