@@ -41,6 +41,14 @@ _SAME_AS = {"yuv422": "uyvy", "yuv422_yuy2": "yuyv", "yuy2": "yuyv"}
 _DEPTH = ("16uc1", "16sc1", "32fc1", "64fc1", "compresseddepth")
 
 
+_REDUCED = {
+    1: (cv2.IMREAD_GRAYSCALE, cv2.IMREAD_COLOR),
+    2: (cv2.IMREAD_REDUCED_GRAYSCALE_2, cv2.IMREAD_REDUCED_COLOR_2),
+    4: (cv2.IMREAD_REDUCED_GRAYSCALE_4, cv2.IMREAD_REDUCED_COLOR_4),
+    8: (cv2.IMREAD_REDUCED_GRAYSCALE_8, cv2.IMREAD_REDUCED_COLOR_8),
+}
+
+
 class UndecodableImage(ValueError):  # noqa: N818 - it names the image, which is what a person has to look at
     """The bytes of one image cannot be read: the frame is left out, the recording goes on."""
 
@@ -50,20 +58,26 @@ def is_depth(encoding: str) -> bool:
     return any(word in encoding.lower() for word in _DEPTH)
 
 
-def decode_image(payload: Payload, gray: bool = True) -> Array:
-    """The image (H, W) uint8, or (H, W, 3) uint8 in BGR where not gray. Raises UndecodableImage."""
+def decode_image(payload: Payload, gray: bool = True, shrink: int = 1) -> Array:
+    """The image (H, W) uint8, or (H, W, 3) uint8 in BGR where not gray, at 1/shrink of its size (1, 2, 4 or 8).
+
+    Raises UndecodableImage.
+    """
     if payload.width == 0:
-        return decode_file(payload.data, gray)
+        return decode_file(payload.data, gray, shrink)
     try:
-        return _decode_raw(payload, gray)
+        return shrunk(_decode_raw(payload, gray), shrink)
     except (cv2.error, ValueError) as error:
         size = f"{payload.width}x{payload.height} {payload.encoding}"
         raise UndecodableImage(f"{len(payload.data)} bytes are no {size} image") from error
 
 
-def decode_file(data: bytes, gray: bool = True) -> Array:
-    """The image of the bytes of a JPEG, PNG, WebP, TIFF, PGM... file, as decode_image gives it."""
-    how = cv2.IMREAD_GRAYSCALE if gray else cv2.IMREAD_COLOR
+def decode_file(data: bytes, gray: bool = True, shrink: int = 1) -> Array:
+    """The image of the bytes of a JPEG, PNG, WebP, TIFF, PGM... file, as decode_image gives it.
+
+    A JPEG is shrunk while it is decoded, which saves most of the work.
+    """
+    how = _REDUCED[shrink][0 if gray else 1]
     buffer = np.frombuffer(data, np.uint8)
     image = None
     if len(buffer):
@@ -71,6 +85,14 @@ def decode_file(data: bytes, gray: bool = True) -> Array:
     if image is None:
         raise UndecodableImage(f"{len(data)} bytes are no image that OpenCV can read")
     return _eight_bits(image)
+
+
+def shrunk(image: Array, shrink: int) -> Array:
+    """The image at 1/shrink of its size, each pixel the mean of those it stands for."""
+    if shrink == 1:
+        return image
+    size = (-(-image.shape[1] // shrink), -(-image.shape[0] // shrink))
+    return cv2.resize(image, size, interpolation=cv2.INTER_AREA)
 
 
 def _decode_raw(payload: Payload, gray: bool) -> Array:

@@ -50,11 +50,11 @@ class ImageFiles:
         """As ImageSource has it."""
         return ImageFiles(tuple(self.paths[k] for k in indices), self.numbers[indices])
 
-    def images(self, gray: bool = True) -> Iterator[Array | None]:
+    def images(self, gray: bool = True, shrink: int = 1) -> Iterator[Array | None]:
         """As ImageSource has it."""
         for path in self.paths:
             try:
-                yield decode_file(path.read_bytes(), gray)
+                yield decode_file(path.read_bytes(), gray, shrink)
             except (UndecodableImage, OSError):
                 yield None
 

@@ -42,8 +42,11 @@ class ImageSource(Protocol):
         """The images of these rising indices alone."""
         ...
 
-    def images(self, gray: bool = True) -> Iterator[Array | None]:
-        """Every image (H, W) or (H, W, 3) BGR uint8 in turn, one in memory at a time; None where it is unreadable."""
+    def images(self, gray: bool = True, shrink: int = 1) -> Iterator[Array | None]:
+        """Every image (H, W) or (H, W, 3) BGR uint8 in turn, one in memory at a time; None where it is unreadable.
+
+        shrink: at 1/2, 1/4 or 1/8 of its size, for a quick look.
+        """
         ...
 
     def batches(self, indices: Array, size: int) -> list[Array]:
@@ -152,11 +155,11 @@ class McapImages:
         """As ImageSource has it."""
         return McapImages(self.messages.part(indices), self.encoding)
 
-    def images(self, gray: bool = True) -> Iterator[Array | None]:
+    def images(self, gray: bool = True, shrink: int = 1) -> Iterator[Array | None]:
         """As ImageSource has it."""
         for index in range(len(self)):
             try:
-                yield decode_image(self.messages.payload(index), gray)
+                yield decode_image(self.messages.payload(index), gray, shrink)
             except (ValueError, AttributeError, struct.error):
                 yield None
 

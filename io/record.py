@@ -127,8 +127,8 @@ class _Stamped:
     def part(self, indices: Array) -> "_Stamped":
         return _Stamped(self.source.part(indices), self.given[indices])
 
-    def images(self, gray: bool = True) -> Iterator[Array | None]:
-        return self.source.images(gray)
+    def images(self, gray: bool = True, shrink: int = 1) -> Iterator[Array | None]:
+        return self.source.images(gray, shrink)
 
     def batches(self, indices: Array, size: int) -> list[Array]:
         return self.source.batches(indices, size)

@@ -12,6 +12,7 @@ import numpy as np
 from quadrig.single.errors import QuadrigError
 from quadrig.single.rotation import Array
 
+from .decode_image import shrunk
 from .image_source import McapMessages
 
 VIDEO_SUFFIXES = {".mp4", ".avi", ".mkv", ".mov", ".webm", ".m4v", ".mpg", ".mpeg", ".ts"}
@@ -69,9 +70,9 @@ class VideoFile:
         none = np.zeros(0, np.int64)
         return VideoFile(self.path, self.encoding, self.times[indices], self.time_base, none, self.counted)
 
-    def images(self, gray: bool = True) -> Iterator[Array | None]:
+    def images(self, gray: bool = True, shrink: int = 1) -> Iterator[Array | None]:
         """As ImageSource has it."""
-        yield from _pick(self._frames(), self.times, gray)
+        yield from _pick(self._frames(), self.times, gray, shrink)
 
     def batches(self, indices: Array, size: int) -> list[Array]:
         """As ImageSource has it."""
@@ -129,10 +130,10 @@ class McapVideo:
         first = self.keys[np.searchsorted(self.keys, indices[0], side="right") - 1]
         return McapVideo(self.messages.part(np.arange(first, indices[-1] + 1)), self.encoding, indices - first)
 
-    def images(self, gray: bool = True) -> Iterator[Array | None]:
+    def images(self, gray: bool = True, shrink: int = 1) -> Iterator[Array | None]:
         """As ImageSource has it."""
         wanted = np.arange(len(self.messages)) if self.wanted is None else self.wanted
-        yield from _pick(((frame.pts, frame) for frame in self._frames()), wanted, gray)
+        yield from _pick(((frame.pts, frame) for frame in self._frames()), wanted, gray, shrink)
 
     def batches(self, indices: Array, size: int) -> list[Array]:
         """As ImageSource has it."""
@@ -182,7 +183,7 @@ def read_video(path: Path) -> VideoFile:
     return VideoFile(path, name, times[order], float(base), keys)
 
 
-def _pick(frames: Iterator[tuple[int, Any]], wanted: Array, gray: bool) -> Iterator[Array | None]:
+def _pick(frames: Iterator[tuple[int, Any]], wanted: Array, gray: bool, shrink: int) -> Iterator[Array | None]:
     """The images at the wanted, rising times; None for those that do not come."""
     position = 0
     for time, frame in frames:
@@ -193,7 +194,7 @@ def _pick(frames: Iterator[tuple[int, Any]], wanted: Array, gray: bool) -> Itera
             return
         if time == wanted[position]:
             position += 1
-            yield _array(frame, gray)
+            yield shrunk(_array(frame, gray), shrink)
     for _ in range(position, len(wanted)):
         yield None
 

@@ -1,0 +1,92 @@
+"""Which framesets are worth searching: those that are still and sharp, and show what no other chosen one shows.
+
+Views of one place repeat each other's systematic errors (the lens where it was not sampled, the moment at which a
+moving sheet was caught), so that a tenth of the images, well chosen, tells nearly what all of them tell.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from quadrig.single.rotation import Array
+
+# A neighbourhood in which sharpness is compared: longer, and a scene's change would count as blur.
+_NEIGHBOURS = 10
+# Fewer framesets than this are too few for a rig, whatever the share.
+LEAST = 12
+
+
+@dataclass(frozen=True, eq=False)
+class Looks:
+    """A quick look at every image: S framesets, C cameras.
+
+    thumbnails (S, C, h, w): grey levels, nan where a camera has no image; sharpness (S, C): of the image, in any
+    unit that rises with it; nan where there is none.
+    """
+
+    thumbnails: Array
+    sharpness: Array
+
+
+def choose_framesets(looks: Looks, share: float) -> Array:
+    """Rising indices of the framesets chosen, about `share` of all and no fewer than LEAST.
+
+    Greedy: each time the frameset is taken whose images, weighted by their quality, differ most from the nearest
+    ones taken before (farthest-point sampling, Gonzalez 1985).
+    """
+    count = len(looks.sharpness)
+    wanted = min(count, max(LEAST, round(share * count)))
+    if wanted >= count:
+        return np.arange(count)
+    quality = image_quality(looks)
+    features = _features(looks.thumbnails)
+    chosen = [int(np.argmax(quality.sum(axis=1)))]
+    distance = np.full(quality.shape, np.inf)
+    while len(chosen) < wanted:
+        apart = features - features[chosen[-1]]
+        distance = np.minimum(distance, np.sqrt(np.mean(apart * apart, axis=2)))
+        gain = (quality * distance).sum(axis=1)
+        gain[chosen] = -1.0
+        chosen.append(int(np.argmax(gain)))
+    return np.sort(np.array(chosen))
+
+
+def image_quality(looks: Looks) -> Array:
+    """How good each image is for measuring (S, C), 0 to 1: still against its camera's usual motion, and sharp
+    against its neighbours in time; 0 where there is none."""
+    motion = _motion(looks.thumbnails)
+    with np.errstate(all="ignore"):
+        usual = np.nan_to_num(np.array([_median(column) for column in motion.T]))
+        stillness = 1 / (1 + (motion / np.where(usual > 0, usual, 1.0)) ** 2)
+        sharpness = (looks.sharpness / _greatest_near(looks.sharpness)) ** 2
+    return np.nan_to_num(stillness * sharpness)
+
+
+def _motion(thumbnails: Array) -> Array:
+    """How much each image differs from the one before and the one after, the lesser of both worse (S, C)."""
+    steps = np.sqrt(np.mean(np.diff(thumbnails, axis=0) ** 2, axis=(2, 3)))
+    padded = np.concatenate([steps[:1], steps, steps[-1:]])
+    # The exposure of an image lies between both steps.
+    return np.fmax(padded[:-1], padded[1:])
+
+
+def _features(thumbnails: Array) -> Array:
+    """(S, C, D) what tells images apart: each camera's thumbnails against their median over time."""
+    count, cameras = thumbnails.shape[:2]
+    flat = np.nan_to_num(thumbnails - np.nanmedian(thumbnails, axis=0)).reshape(count, cameras, -1)
+    scale = np.sqrt(np.mean(flat * flat, axis=(0, 2), keepdims=True))
+    # A camera that sees nothing change counts nothing, rather than its noise counting as much as a moving board.
+    return (flat / np.maximum(scale, 1.0)).astype(np.float32)
+
+
+def _median(values: Array) -> float:
+    finite = values[np.isfinite(values)]
+    return float(np.median(finite)) if len(finite) else 0.0
+
+
+def _greatest_near(values: Array) -> Array:
+    """Greatest value within _NEIGHBOURS before and after, along the first axis; nan counts as nothing."""
+    filled = np.nan_to_num(values)
+    padded = np.pad(filled, ((_NEIGHBOURS, _NEIGHBOURS), (0, 0)))
+    windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * _NEIGHBOURS + 1, axis=0)
+    return np.maximum(windows.max(axis=-1), np.finfo(float).tiny)
