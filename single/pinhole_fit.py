@@ -29,8 +29,8 @@ from .rotation import Array
 # block does not wait for its slowest member.
 _FIRST_STEPS, _MOST_STEPS = 6, 60
 # A step that promises to lower the sum of squares by less than this (in units of sigma^2) moves the answer by less
-# than a ten-thousandth of its own sigma.
-_CONVERGED = 1e-8
+# than a thousandth of its own sigma; it is still taken.
+_CONVERGED = 1e-6
 _FIRST_DAMPING, _LEAST_DAMPING, _MOST_DAMPING = 1e-6, 1e-7, 1e12
 # Shares of the promised decrease: below the poor one a weak view's valley bends within the step, and undamped steps
 # would leap to and fro across it for ever.
@@ -101,10 +101,11 @@ def fit_pinhole(
         covariance = covariances(problem, state)
     converged = np.isfinite(chi2)
     converged[waiting] = False
-    return _fit_of(state, covariance, chi2, steps, converged, batch)
+    return _fit_of(problem, state, covariance, chi2, steps, converged, batch)
 
 
 def _fit_of(
+    problem: Problem,
     state: Array,
     covariance: Array,
     chi2: Array,
@@ -116,8 +117,9 @@ def _fit_of(
     x, y = state[6:9].T, state[9:12].T
     rotation = np.stack([x, y, np.cross(x, y)], axis=-1)
     translation = np.stack([u0 / s, v0 / s, 1 / kappa], axis=-1)
+    found = s / kappa if problem.focal is None else np.broadcast_to(problem.focal, s.shape).copy()
     return PinholeFit(
-        (s / kappa).reshape(batch),
+        found.reshape(batch),
         np.stack([cx, cy], axis=-1).reshape(*batch, 2),
         Pose(rotation.reshape(*batch, 3, 3), translation.reshape(*batch, 3)),
         covariance.reshape(*batch, 9, 9),
