@@ -146,7 +146,8 @@ def _chi2(problem: _Problem, lens: Array, residuals: Array) -> float:
 def _blocks(problem: _Problem, lens_rows: Array, pose_rows: Array) -> tuple[Array, Array, Array]:
     """Blocks of the normal matrix: lens (n, n) with its priors, mixed (V, n, 6), poses (V, 6, 6)."""
     views = len(lens_rows)
-    A, B = lens_rows.reshape(views, -1, len(problem.free)), pose_rows.reshape(views, -1, 6)
+    A = lens_rows.reshape(views, 2 * lens_rows.shape[1], len(problem.free))
+    B = pose_rows.reshape(views, 2 * pose_rows.shape[1], 6)
     A_t = np.swapaxes(A, -1, -2)
     own = (A_t @ A).sum(axis=0) + np.diag(problem.prior_weight[problem.free])
     return own, A_t @ B, np.swapaxes(B, -1, -2) @ B

@@ -1,0 +1,212 @@
+"""One View or several to a lens with its distortion, and the words on what limits it."""
+
+import numpy as np
+import pytest
+
+from quadrig.single.calibration import calibrate_view, calibrate_views
+from quadrig.single.corners import Reason, in_turn
+from quadrig.single.errors import QuadrigError
+from quadrig.single.lens import Intrinsics
+from quadrig.single.pose import Pose
+from quadrig.single.rectangle import board_points, rectangle_corners
+from quadrig.single.refine import fit_lens
+from quadrig.single.rotation import rotation_from_angles
+from quadrig.single.view import View
+
+SIZE = (1920, 1080)
+MIDDLE = np.array([959.5, 539.5])
+LENS = Intrinsics(*SIZE, 1400.0, MIDDLE)
+
+
+def sheet_view(tilt_degrees, rng=None, noise=0.2, lens=LENS, points=None, place=(0.03, 0.02, 0.8)):
+    points = rectangle_corners(0.297, 0.21) if points is None else points
+    pose = Pose(rotation_from_angles(np.radians(tilt_degrees), 0.0, 0.3), np.array(place))
+    pixels = lens.project(pose.transform(points))
+    if rng is not None:
+        pixels = pixels + rng.normal(0, noise, pixels.shape)
+    return View("sheet", points, pixels, sigma=noise), pose
+
+
+def board_views(rng, lens, count=5, noise=0.2):
+    points = board_points(9, 7, 0.03)
+    views = []
+    for _ in range(count):
+        rotation = rotation_from_angles(*rng.uniform(-0.7, 0.7, 2), rng.uniform(-3, 3))
+        pose = Pose(rotation, np.array([*rng.uniform(-0.1, 0.1, 2), rng.uniform(0.5, 0.8)]))
+        pixels = lens.project(pose.transform(points)) + rng.normal(0, noise, (len(points), 2))
+        views.append(View("board", points, pixels, sigma=noise))
+    return views
+
+
+def test_a_distorted_lens_from_several_views_is_found_within_its_sigmas():
+    rng = np.random.default_rng(1)
+    truth = Intrinsics(*SIZE, 1400.0, np.array([972.0, 528.0]), np.array([-0.21, 0.06, 0.0, 0.0, 0.0]))
+    found = calibrate_views(board_views(rng, truth), SIZE, distortion="k1 k2")
+    error = found.intrinsics.parameters - truth.parameters
+    sigma = np.sqrt(np.diag(found.lens_covariance))
+    free = [0, 1, 2, 3, 4]
+    assert (np.abs(error[free]) < 4 * sigma[free]).all()
+    assert found.focal_sigma < 5
+    assert found.noise == pytest.approx(0.2, rel=0.1)
+    assert found.rms == pytest.approx(0.2 * np.sqrt(2), rel=0.15)
+
+
+def test_distortion_is_not_invented():
+    rng = np.random.default_rng(2)
+    found = calibrate_views(board_views(rng, LENS), SIZE)
+    assert (found.intrinsics.distortion == 0).all()
+
+
+def test_several_views_of_one_camera_know_more_than_each_alone():
+    rng = np.random.default_rng(3)
+    views = board_views(rng, LENS)
+    together = calibrate_views(views, SIZE, principal_point=MIDDLE, distortion="none")
+    alone = [calibrate_view(view, SIZE, principal_point=MIDDLE, distortion="none") for view in views]
+    information = sum(one.focal_sigma**-2 for one in alone)
+    assert together.focal_sigma == pytest.approx(information**-0.5, rel=0.1)
+    assert abs(together.intrinsics.focal - 1400) < 4 * together.focal_sigma
+
+
+def test_sigmas_hold_over_many_lenses():
+    rng = np.random.default_rng(4)
+    scores = []
+    for _ in range(25):
+        k1, k2 = rng.uniform(-0.3, 0.1), rng.uniform(-0.05, 0.1)
+        truth = Intrinsics(*SIZE, rng.uniform(1000, 2000), MIDDLE, np.array([k1, k2, 0, 0, 0]))
+        found = calibrate_views(board_views(rng, truth, count=2), SIZE, principal_point=MIDDLE, distortion="k1 k2")
+        error = found.intrinsics.parameters - truth.parameters
+        scores.append(error[[0, 3, 4]] / np.sqrt(np.diag(found.lens_covariance))[[0, 3, 4]])
+    # 75 scores of unit variance: their root mean square lies within 0.75 and 1.25 (three sigma).
+    assert 0.75 < np.sqrt(np.mean(np.square(scores))) < 1.25
+
+
+def test_the_priors_uncertainty_enters():
+    rng = np.random.default_rng(5)
+    view, _ = sheet_view(35, rng, place=(0.03, 0.02, 0.35))
+    given = calibrate_view(view, SIZE, principal_point=MIDDLE)
+    vague = calibrate_view(view, SIZE, principal_point=MIDDLE, principal_point_sigma=30.0)
+    bent = calibrate_view(view, SIZE, principal_point=MIDDLE, distortion_sigma=0.3)
+    assert vague.focal_sigma > 1.5 * given.focal_sigma
+    assert bent.focal_sigma > 1.1 * given.focal_sigma
+    assert calibrate_view(view, SIZE).focal_sigma > 1.5 * given.focal_sigma
+
+
+def test_a_given_focal_stays_and_the_pose_is_right():
+    view, pose = sheet_view(20)
+    found = calibrate_view(view, SIZE, focal=1400.0, principal_point=MIDDLE)
+    assert found.intrinsics.focal == 1400
+    assert found.focal_sigma == 0
+    assert np.abs(pose.step_to(found.cam_from_rects[0])).max() < 1e-6
+    assert np.allclose(found.rect_from_cams[0].translation, pose.inverse().translation, atol=1e-6)
+
+
+def test_a_weak_view_says_so_in_words_with_figures():
+    rng = np.random.default_rng(6)
+    view, _ = sheet_view(7, rng)
+    found = calibrate_view(view, SIZE, principal_point=MIDDLE)
+    assert any("tilt the sheet more: at" in note and "degrees the focal is known to" in note for note in found.notes)
+    flat, _ = sheet_view(0.0, rng, place=(0.0, 0.0, 0.8))
+    blind = calibrate_view(flat, SIZE, principal_point=MIDDLE)
+    assert blind.reason == Reason.FOCAL_UNKNOWABLE
+    assert blind.focal_interval[1] == np.inf
+    assert any("cannot tell focal from distance" in note for note in blind.notes)
+
+
+def test_a_good_view_needs_no_advice():
+    rng = np.random.default_rng(7)
+    view, _ = sheet_view(40, rng, noise=0.02, points=board_points(9, 7, 0.03), place=(0.0, 0.0, 0.4))
+    assert calibrate_view(view, SIZE, principal_point=MIDDLE).notes == ()
+
+
+def test_the_reading_that_fits_is_taken():
+    rng = np.random.default_rng(8)
+    view, _ = sheet_view(40, rng)
+    upright = rectangle_corners(0.297, 0.21)
+    wrong = np.roll(upright, 1, axis=0)
+    found = calibrate_view(
+        View("sheet", wrong, view.pixels, alternatives=(upright,), sigma=0.2), SIZE, principal_point=MIDDLE
+    )
+    assert found.readings == (1,)
+    assert abs(found.intrinsics.focal - 1400) < 4 * found.focal_sigma
+    assert any("read turned" in note for note in found.notes)
+
+
+def test_a_rectangle_of_the_wrong_size_is_said_to_miss():
+    rng = np.random.default_rng(9)
+    view, _ = sheet_view(45, rng)
+    wrong = View("sheet", rectangle_corners(0.297, 0.297), view.pixels, sigma=0.2)
+    notes = calibrate_view(wrong, SIZE, principal_point=MIDDLE).notes
+    assert any("times their noise" in note for note in notes)
+
+
+@pytest.mark.parametrize(
+    ("pixels", "words"),
+    [
+        ([[0, 0], [10, 10], [20, 20], [0, 30]], "one line"),
+        ([[300, 220], [110, 90], [100, 200], [290, 60]], "cross"),
+        ([[290, 60], [110, 90], [100, 200], [300, 220]], "wrong way"),
+        ([[300, 220], [100, 200], [110, np.nan], [290, 60]], "nan"),
+    ],
+)
+def test_bad_corners_are_named(pixels, words):
+    view = View("door", rectangle_corners(0.9, 2.0), np.array(pixels, float), camera="hall")
+    with pytest.raises(QuadrigError, match=words) as caught:
+        calibrate_view(view, (320, 240))
+    assert "door" in str(caught.value)
+    assert "hall" in str(caught.value)
+
+
+def test_bad_arguments_are_named():
+    view, _ = sheet_view(30)
+    with pytest.raises(QuadrigError, match="no View"):
+        calibrate_views([], SIZE)
+    with pytest.raises(QuadrigError, match="0x1080"):
+        calibrate_view(view, (0, 1080))
+    with pytest.raises(QuadrigError, match="focal"):
+        calibrate_view(view, SIZE, focal=-3.0)
+    with pytest.raises(QuadrigError, match="points"):
+        calibrate_view(View("sheet", view.points[:3], view.pixels), SIZE)
+    with pytest.raises(QuadrigError, match="k9"):
+        fit_lens([view.points], [view.pixels], LENS, Pose.identity()[None], ["k9"])
+    with pytest.raises(QuadrigError, match="fewer parameters"):
+        fit_lens([view.points], [view.pixels], LENS, Pose.identity()[None], ["focal", "cx", "cy"])
+
+
+def test_corners_in_the_wrong_turn_are_read_as_with_y_upwards():
+    given = np.array([[300.0, 220.0], [100.0, 200.0], [110.0, 90.0], [290.0, 60.0]])
+    assert not in_turn(given)[1]
+    # Eq. 4 with y up: (+,+) is the top right, (-,+) the top left.
+    y_up = given[[3, 2, 1, 0]]
+    corrected, changed = in_turn(y_up)
+    assert changed
+    assert (corrected == given).all()
+    with pytest.raises(QuadrigError, match="cross"):
+        in_turn(given[[0, 2, 1, 3]])
+
+
+INCH = 0.0254
+
+
+def microsoft_views(folder):
+    model = np.loadtxt(folder / "Model.txt").reshape(-1, 2) * INCH
+    middle = (model.min(axis=0) + model.max(axis=0)) / 2
+    points = np.concatenate([model - middle, np.zeros((len(model), 1))], axis=1)
+    pixels = [np.loadtxt(folder / f"data{i}.txt").reshape(-1, 2) for i in range(1, 6)]
+    return [View("board", points, p, frameset=i, sigma=0.2) for i, p in enumerate(pixels)]
+
+
+def test_microsofts_views_alone_and_together(shared_data):
+    """The published answer from all five views is 832.5 px, with this principal point."""
+    views, centre = microsoft_views(shared_data / "zhang"), np.array([303.959, 206.585])
+    for view in views:
+        assert calibrate_view(view, (640, 480), principal_point=centre).intrinsics.focal == pytest.approx(
+            832.5, rel=0.015
+        )
+    together = calibrate_views(views, (640, 480))
+    assert together.intrinsics.focal == pytest.approx(832.5, rel=0.002)
+    assert together.intrinsics.principal_point == pytest.approx(centre, abs=1.5)
+    assert together.intrinsics.distortion[:2] == pytest.approx([-0.2286, 0.1904], abs=0.01)
+    # With the middle of the picture for a principal point (33 px from the truth) each sigma must carry that.
+    for view in views:
+        one = calibrate_view(view, (640, 480), distortion="k1 k2", principal_point_sigma=30.0)
+        assert abs(one.intrinsics.focal - 832.5) < 4 * one.focal_sigma
