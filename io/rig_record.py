@@ -58,6 +58,7 @@ class CameraRecord(msgspec.Struct):
     left_out_rms: Number = None
     views: int = 0
     observable_focal: bool = True
+    clock_offset: Number = 0.0
 
 
 class RectangleRecord(msgspec.Struct):
@@ -120,6 +121,7 @@ class ViewRecord(msgspec.Struct):
     used: list[bool]
     reading: int
     rejected: str
+    time: Number = None
 
 
 def encode_rig(rig: Rig, times: tuple[int, ...] = ()) -> bytes:
@@ -160,6 +162,7 @@ def encode_view(fit: ViewFit) -> bytes:
             used=np.asarray(fit.used, bool).tolist(),
             reading=int(fit.reading),
             rejected=fit.rejected,
+            time=_number(view.time),
         )
     )
 
@@ -203,6 +206,7 @@ def decode_view(record: bytes) -> ViewFit:
         frameset=held.frameset,
         alternatives=tuple(_array(points).reshape(-1, 3) for points in held.alternatives),
         sigma=held.sigma,
+        time=_float(held.time),
     )
     residuals = _array(held.residuals).reshape(-1, 2)
     return ViewFit(view, residuals, np.array(held.used, bool), held.reading, held.rejected)
@@ -228,6 +232,7 @@ def _camera_record(camera: Camera) -> CameraRecord:
         left_out_rms=_number(camera.left_out_rms),
         views=int(camera.views),
         observable_focal=bool(camera.observable_focal),
+        clock_offset=_number(camera.clock_offset),
     )
 
 
@@ -251,6 +256,7 @@ def _camera(held: CameraRecord) -> Camera:
         left_out_rms=_float(held.left_out_rms),
         views=held.views,
         observable_focal=held.observable_focal,
+        clock_offset=_float(held.clock_offset),
     )
 
 
