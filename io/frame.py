@@ -1,6 +1,7 @@
 """A Frame: one picture of one camera, kept as it came until somebody needs its pixels."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import cv2
 import numpy as np
@@ -35,7 +36,11 @@ class Frame:
         return self.picture if self.picture.ndim == 2 else np.asarray(cv2.cvtColor(self.picture, cv2.COLOR_BGR2GRAY))
 
     def jpeg(self) -> bytes:
-        """JPEG or PNG bytes: those of the source, or the picture encoded."""
+        """JPEG or PNG bytes: those of the source, or the picture encoded, once."""
+        return self._jpeg
+
+    @cached_property
+    def _jpeg(self) -> bytes:
         if self.encoded or self.picture is None:
             return self.encoded
         done, data = cv2.imencode(".jpg", self.picture, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])

@@ -5,11 +5,13 @@ import queue
 import threading
 import time
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 
 from quadrig.single.errors import QuadrigError
 
 from .frame import Frame
+from .kept_views import KEPT_SCHEMA, KEPT_TOPIC
 
 # A chunk is closed when it is this old, so that a crash loses less than the second that is promised.
 FLUSH_SECONDS = 0.5
@@ -17,6 +19,12 @@ FLUSH_SECONDS = 0.5
 _CHUNK_BYTES = 4 * 1024 * 1024
 # Frames that wait for a slow disk; more than this (a second or two of four cameras) and new ones are dropped.
 _WAITING_FRAMES = 64
+
+
+@dataclass(frozen=True, eq=False)
+class _Note:
+    stamp: int
+    data: bytes
 
 
 class LiveRecorder:
@@ -41,7 +49,7 @@ class LiveRecorder:
             self._writer.add_attachment(0, time.time_ns(), name, "application/octet-stream", data)
         self._channels: dict[str, int] = {}
         self._schema = _register_compressed_image(self._writer)
-        self._queue: queue.Queue[Frame | None] = queue.Queue(_WAITING_FRAMES)
+        self._queue: queue.Queue[Frame | _Note | None] = queue.Queue(_WAITING_FRAMES)
         self._failure = ""
         self._thread = threading.Thread(target=self._run, name="recorder", daemon=True)
         self._thread.start()
@@ -57,6 +65,12 @@ class LiveRecorder:
             self._queue.put(frame, block=wait)
         except queue.Full:
             self.dropped += 1
+
+    def note(self, stamp: int, data: bytes) -> None:
+        """Keep a record of Views (JSON, see kept_views) with the frames; notes are waited for, never dropped."""
+        if self._failure:
+            raise QuadrigError(self._failure)
+        self._queue.put(_Note(stamp, data))
 
     def close(self) -> None:
         """Write what waits, the index and the end of the file."""
@@ -85,15 +99,24 @@ class LiveRecorder:
         flushed = time.monotonic()
         while True:
             try:
-                frame = self._queue.get(timeout=max(0.0, flushed + FLUSH_SECONDS - time.monotonic()))
-                if frame is None:
+                item = self._queue.get(timeout=max(0.0, flushed + FLUSH_SECONDS - time.monotonic()))
+                if item is None:
                     return
-                self._write_frame(frame)
+                if isinstance(item, Frame):
+                    self._write_frame(item)
+                else:
+                    self._write_note(item)
             except queue.Empty:
                 pass
             if time.monotonic() - flushed >= FLUSH_SECONDS:
                 self._writer.flush()
                 flushed = time.monotonic()
+
+    def _write_note(self, note: _Note) -> None:
+        if KEPT_TOPIC not in self._channels:
+            schema = self._writer.register_schema(KEPT_SCHEMA, "jsonschema", b'{"type": "object"}')
+            self._channels[KEPT_TOPIC] = self._writer.register_channel(KEPT_TOPIC, "json", schema)
+        self._writer.add_message(self._channels[KEPT_TOPIC], note.stamp, note.data, note.stamp)
 
     def _write_frame(self, frame: Frame) -> None:
         if frame.camera not in self._channels:
@@ -120,7 +143,7 @@ def _compressed_image(frame: Frame) -> bytes:
     return message.SerializeToString()
 
 
-def _empty(waiting: "queue.Queue[Frame | None]") -> None:
+def _empty(waiting: "queue.Queue[Frame | _Note | None]") -> None:
     while True:
         try:
             waiting.get_nowait()

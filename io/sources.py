@@ -77,7 +77,7 @@ class Source:
         """How the source does now. Never blocks."""
         now = time.monotonic()
         condition, detail = self._condition, self._detail
-        if condition in ("running", "opening") and now - self._last > STALL_SECONDS and not self._held_back():
+        if condition in ("running", "opening") and now - self._last > STALL_SECONDS and not self._waits:
             condition, detail = "stalled", f"no picture for {now - self._last:.0f} s"
         recent = [arrived for arrived, _ in list(self._arrivals) if now - arrived < 2.0]
         rate = (len(recent) - 1) / (recent[-1] - recent[0]) if len(recent) > 2 else 0.0

@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from quadrig.single.dictionaries import canonical_dictionary
 from quadrig.single.rectangle import CharucoMarking, PlainMarking, Rectangle, TagMarking
 from quadrig.single.rotation import Array
 from quadrig.single.view import View
@@ -29,6 +30,10 @@ _DARK = 45
 _BLUR_SIGMA = 2.5
 # Motion smears the edges across it and not those along it; optics smear all alike within this ratio.
 _SMEAR_RATIO = 1.8
+# Profiles reach this far (px) to both sides of an edge, and no farther than this part of the sheet's extent across
+# it: the cells of a tag are an eighth of it, and the second next edge rises like the outer one. Shorter profiles
+# than the last cannot show a sigma of 2.5.
+_FARTHEST_PROFILE, _PROFILE_SHARE, _SHORTEST_PROFILE = 9.0, 0.15, 6.0
 
 
 @dataclass(frozen=True)
@@ -72,13 +77,15 @@ def blur_fault(camera: str, widths: EdgeWidths) -> Fault | None:
     return Fault("blur", f"{camera}: the picture is out of focus; focus the lens on where the sheet is", camera)
 
 
-def edge_widths(grey: Picture, view: View, samples: int = 12, reach: int = 9) -> EdgeWidths:
+def edge_widths(grey: Picture, view: View, samples: int = 12) -> EdgeWidths:
     """Widths of the straight edges between neighbouring corners of a View, nan where none is found.
 
     A profile across an edge is a step smeared by a Gaussian: the second moment of its slope is the sigma squared.
     Profiles are averaged in directions of 45 degrees, so that a smear shows as a direction that is wider.
     """
-    profiles = [_edge_profiles(grey, a, b, samples, reach) for a, b in _outline(view)]
+    corners = outer_corners(view)
+    area = abs(float(cv2.contourArea(corners.astype(np.float32))))
+    profiles = [_edge_profiles(grey, corners[k], corners[(k + 1) % 4], samples, area) for k in range(4)]
     kept = [(angle, sigma) for angle, sigmas in profiles for sigma in sigmas if np.isfinite(sigma)]
     if len(kept) < 4:
         return EdgeWidths(float("nan"), float("nan"))
@@ -88,12 +95,6 @@ def edge_widths(grey: Picture, view: View, samples: int = 12, reach: int = 9) ->
     return EdgeWidths(min(medians), max(medians)) if medians else EdgeWidths(float("nan"), float("nan"))
 
 
-def _outline(view: View) -> list[tuple[Array, Array]]:
-    """Ends of the sides in pixels of the outermost four points."""
-    corners = outer_corners(view)
-    return [(corners[k], corners[(k + 1) % 4]) for k in range(4)]
-
-
 def outer_corners(view: View) -> Array:
     """Pixels (4, 2) of the points that lie farthest out in the rectangle, in the order of Eq. 4."""
     directions = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]], float)
@@ -101,11 +102,12 @@ def outer_corners(view: View) -> Array:
     return view.pixels[np.argmax(centred @ directions.T, axis=0)]
 
 
-def _edge_profiles(grey: Picture, start: Array, end: Array, samples: int, reach: int) -> tuple[float, list[float]]:
-    """Direction across the edge (rad, in [0, pi)) and the sigma of each profile."""
+def _edge_profiles(grey: Picture, start: Array, end: Array, samples: int, area: float) -> tuple[float, list[float]]:
+    """Direction across the edge (rad, in [0, pi)) and each profile's sigma; none where the sheet is too small."""
     along = end - start
     length = float(np.linalg.norm(along))
-    if length < 4 * reach / 3:
+    reach = min(_FARTHEST_PROFILE, _PROFILE_SHARE * area / max(length, 1.0))
+    if reach < _SHORTEST_PROFILE:
         return 0.0, []
     across = np.array([-along[1], along[0]]) / length
     offsets = np.arange(-reach, reach + 0.25, 0.5)
@@ -172,10 +174,10 @@ def known_tags(rectangles: Sequence[Rectangle]) -> set[tuple[str, int]]:
     for rectangle in rectangles:
         marking = rectangle.marking
         if isinstance(marking, TagMarking):
-            known.add((marking.dictionary, marking.id))
+            known.add((canonical_dictionary(marking.dictionary), marking.id))
         elif isinstance(marking, CharucoMarking):
             last = marking.first_id + (marking.columns * marking.rows + 1) // 2
-            known |= {(marking.dictionary, k) for k in range(marking.first_id, last)}
+            known |= {(canonical_dictionary(marking.dictionary), k) for k in range(marking.first_id, last)}
     return known
 
 

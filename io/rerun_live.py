@@ -1,0 +1,320 @@
+"""A live session in rerun: the pictures with what was found, the cameras in space, the graph, one large sentence."""
+
+import shutil
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from quadrig.rig.result import PlacedRectangle, Rig
+from quadrig.single.errors import QuadrigError
+from quadrig.single.rectangle import Rectangle
+from quadrig.single.rotation import Array
+from quadrig.single.view import View
+
+from .frame import Frame
+from .setup_state import SetupState
+
+_RING = [0, 1, 2, 3, 0]
+# Told apart by eye and by most who see few colours (after Okabe and Ito), readable on dark and on light.
+_COLOURS = [
+    [230, 159, 0], [86, 180, 233], [0, 158, 115], [204, 121, 167], [213, 94, 0], [0, 114, 178], [170, 160, 40],
+]  # fmt: skip
+_GHOST, _SHEET, _FAULT, _SAID, _DONE = (
+    [90, 220, 120],
+    [200, 190, 150],
+    [240, 170, 40],
+    [230, 230, 230],
+    [90, 220, 120],
+)
+# Ellipsoids show this many sigmas, so that a rig of a few millimetres has some that can be seen.
+_SIGMAS = 3.0
+# A viewer that is opened needs this long to listen; a slow machine more.
+_OPENING_SECONDS = 15.0
+# What a viewer keeps of a session: pictures of a few minutes.
+_MEMORY = "512MiB"
+
+
+class RerunScreen:
+    """Logs a session to a rerun viewer, or to a file.
+
+    Exactly one of `address` (of a viewer's gRPC server) and `file` (.rrd) is given. pictures: whether frames are
+    logged, too.
+    """
+
+    def __init__(
+        self, cameras: Sequence[str], rectangles: Sequence[Rectangle], address: str = "", file: Path | None = None
+    ) -> None:
+        import rerun as rr
+
+        self._rr: Any = rr
+        self._cameras, self._rectangles = tuple(cameras), {r.name: r for r in rectangles}
+        self._recording = rr.RecordingStream("quadrig setup")
+        blueprint = layout(cameras)
+        if file is not None:
+            self._recording.save(str(file), default_blueprint=blueprint)
+        else:
+            self._recording.connect_grpc(address, default_blueprint=blueprint)
+            self._recording.send_blueprint(blueprint)
+        self._recording.log("/", rr.ViewCoordinates.RDF, static=True)
+        self._sentence, self._rig, self._advice, self._kept = "", None, None, -1
+
+    def show(self, state: SetupState) -> None:
+        """Log what has changed."""
+        if state.frameset >= 0:
+            self._recording.set_time("frameset", sequence=state.frameset)
+            for frame in state.frames.values():
+                self._log_frame(frame)
+            for camera in state.frames:
+                self._log_found(camera, [view for view in state.views if view.camera == camera])
+        if state.sentence + state.note != self._sentence:
+            self._sentence = state.sentence + state.note
+            self._log_sentence(state)
+        if state.rig is not None and state.rig is not self._rig:
+            self._rig = state.rig
+            self._log_rig(state.rig)
+        if state.advice is not self._advice:
+            self._advice = state.advice
+            self._log_ghost(state)
+        if state.kept != self._kept:
+            self._kept = state.kept
+            self._log_graph(state)
+
+    def close(self) -> None:
+        """Send what waits."""
+        self._recording.flush()
+        self._recording.disconnect()
+
+    def _log_frame(self, frame: Frame) -> None:
+        self._recording.log(
+            f"cameras/{frame.camera}/image",
+            self._rr.EncodedImage(contents=frame.jpeg(), media_type=f"image/{frame.format}"),
+        )
+
+    def _log_found(self, camera: str, views: Sequence[View]) -> None:
+        rr, path = self._rr, f"cameras/{camera}/image/found"
+        if not views:
+            self._recording.log(path, rr.Clear(recursive=False))
+            return
+        lines = [_hull(view.pixels) for view in views]
+        self._recording.log(
+            path,
+            rr.LineStrips2D(
+                lines,
+                colors=[self._colour(camera)] * len(lines),
+                radii=rr.Radius.ui_points(2.5),
+                labels=[view.rectangle for view in views],
+            ),
+        )
+
+    def _colour(self, camera: str) -> list[int]:
+        return _COLOURS[self._cameras.index(camera) % len(_COLOURS)]
+
+    def _log_sentence(self, state: SetupState) -> None:
+        rr = self._rr
+        note = f"\n\n{state.note}" if state.note else ""
+        document = rr.TextDocument(f"# {state.sentence}{note}", media_type=rr.MediaType.MARKDOWN)
+        self._recording.log("sentence", document)
+
+    def _log_rig(self, rig: Rig) -> None:
+        rr = self._rr
+        for camera in rig.cameras:
+            path, colour = f"cameras/{camera.name}", self._colour(camera.name)
+            pose = camera.rig_from_camera
+            self._recording.log(path, rr.Transform3D(translation=pose.translation, mat3x3=pose.rotation))
+            self._recording.log(
+                f"{path}/image",
+                rr.Pinhole(
+                    image_from_camera=camera.intrinsics.camera_matrix,
+                    resolution=[camera.intrinsics.width, camera.intrinsics.height],
+                    camera_xyz=rr.ViewCoordinates.RDF,
+                    image_plane_distance=0.25 * _extent(rig),
+                    color=colour,
+                    line_width=rr.Radius.ui_points(2.0),
+                ),
+            )
+            half, axes = _ellipsoid(rig.pose_covariance(camera.name)[3:, 3:])
+            self._recording.log(
+                f"doubt/{camera.name}",
+                rr.Transform3D(translation=pose.translation, mat3x3=axes),
+                rr.Ellipsoids3D(half_sizes=[half], colors=[colour], fill_mode=rr.components.FillMode.DenseWireframe),
+            )
+        placed = [_outlines(p) for p in rig.rectangles]
+        outlines = np.concatenate(placed) if placed else np.zeros((0, 5, 3))
+        self._recording.log("sheets", rr.LineStrips3D(list(outlines), colors=_SHEET, radii=rr.Radius.ui_points(1.0)))
+
+    def _log_ghost(self, state: SetupState) -> None:
+        rr, advice = self._rr, state.advice
+        if advice is None or advice.ghost is None or advice.rectangle not in self._rectangles:
+            self._recording.log("ghost", rr.Clear(recursive=True))
+            for camera in self._cameras:
+                self._recording.log(f"cameras/{camera}/image/ghost", rr.Clear(recursive=False))
+            return
+        corners = advice.ghost.transform(self._rectangles[advice.rectangle].corners)
+        self._recording.log(
+            "ghost",
+            rr.Mesh3D(
+                vertex_positions=corners,
+                triangle_indices=[[0, 1, 2], [0, 2, 3], [2, 1, 0], [3, 2, 0]],
+                albedo_factor=[*_GHOST, 110],
+            ),
+        )
+        self._recording.log(
+            "ghost/outline",
+            rr.LineStrips3D(
+                [corners[_RING]], colors=[_GHOST], radii=rr.Radius.ui_points(3.0), labels=["hold it here"]
+            ),
+        )
+        self._log_ghost_in_pictures(state, corners)
+
+    def _log_ghost_in_pictures(self, state: SetupState, corners: Array) -> None:
+        rr = self._rr
+        placed = {camera.name: camera for camera in state.rig.cameras} if state.rig else {}
+        for name in self._cameras:
+            path = f"cameras/{name}/image/ghost"
+            pixels = np.full((4, 2), np.nan)
+            if name in placed:
+                in_camera = placed[name].rig_from_camera.inverse().transform(corners)
+                pixels = placed[name].intrinsics.project(in_camera)
+            if np.isfinite(pixels).all():
+                line = rr.LineStrips2D(
+                    [pixels[_RING]], colors=[_GHOST], radii=rr.Radius.ui_points(3.0), labels=["hold it here"]
+                )
+                self._recording.log(path, line)
+            else:
+                self._recording.log(path, rr.Clear(recursive=False))
+
+    def _log_graph(self, state: SetupState) -> None:
+        """Cameras as nodes; an edge where two saw a sheet at once, or one that stands still."""
+        rr, counts = self._rr, shared_counts(state.kept_views, self._rectangles)
+        self._recording.log(
+            "graph",
+            rr.GraphNodes(
+                node_ids=list(self._cameras),
+                labels=list(self._cameras),
+                colors=[self._colour(camera) for camera in self._cameras],
+                radii=[14.0] * len(self._cameras),
+            ),
+            rr.GraphEdges(edges=list(counts), graph_type="undirected"),
+        )
+
+
+def shared_counts(views: Sequence[View], rectangles: dict[str, Rectangle]) -> dict[tuple[str, str], int]:
+    """How many placed sheets each pair of cameras (in the order of names) has in common."""
+    seen: dict[tuple[str, int], set[str]] = {}
+    for view in views:
+        moving = view.rectangle in rectangles and rectangles[view.rectangle].moving
+        seen.setdefault((view.rectangle, view.frameset if moving else -1), set()).add(view.camera)
+    counts: dict[tuple[str, str], int] = {}
+    for cameras in seen.values():
+        names = sorted(cameras)
+        for k, first in enumerate(names):
+            for second in names[k + 1 :]:
+                counts[first, second] = counts.get((first, second), 0) + 1
+    return counts
+
+
+def layout(cameras: Sequence[str]) -> Any:
+    """The blueprint: the sentence across the top, the pictures beside the rig in space, the graph below it."""
+    import rerun.blueprint as rrb
+
+    pictures = [rrb.Spatial2DView(origin=f"cameras/{name}/image", name=name) for name in cameras]
+    space = rrb.Spatial3DView(origin="/", name="rig", contents=["+ $origin/**", "- $origin/cameras/*/image/ghost"])
+    return rrb.Blueprint(
+        rrb.Vertical(
+            rrb.TextDocumentView(origin="sentence", name="do this"),
+            rrb.Horizontal(
+                rrb.Grid(*pictures, grid_columns=1 if len(cameras) < 2 else 2),
+                rrb.Vertical(space, rrb.GraphView(origin="graph", name="who shares sheets"), row_shares=[3, 1]),
+                column_shares=[3, 2],
+            ),
+            row_shares=[1, 6],
+        ),
+        collapse_panels=True,
+    )
+
+
+class Viewer:
+    """A rerun viewer in a process of its own, bound to this machine alone.
+
+    web: a page for a browser instead of a window. Raises QuadrigError where it does not open.
+    """
+
+    def __init__(self, web: bool = False) -> None:
+        port, self.page = free_port(), ""
+        command = [_executable(), "--bind", "127.0.0.1", "--port", str(port), "--memory-limit", _MEMORY]
+        if web:
+            web_port = free_port()
+            command += ["--serve-web", "--web-viewer-port", str(web_port)]
+            self.page = f"http://127.0.0.1:{web_port}/?url=rerun%2Bhttp://127.0.0.1:{port}/proxy"
+        self.address = f"rerun+http://127.0.0.1:{port}/proxy"
+        self._web = web
+        self._process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        self._wait_for(port)
+
+    def _wait_for(self, port: int) -> None:
+        until = time.monotonic() + _OPENING_SECONDS
+        while time.monotonic() < until and self._process.poll() is None:
+            try:
+                socket.create_connection(("127.0.0.1", port), timeout=0.2).close()
+                return
+            except OSError:
+                time.sleep(0.05)
+        self.close(force=True)
+        raise QuadrigError("the rerun viewer does not open here; use --web for a browser or --no-viewer")
+
+    def close(self, force: bool = False) -> None:
+        """A window stays for who wants to look at the result; a page for a browser goes with the session."""
+        if (self._web or force) and self._process.poll() is None:
+            self._process.terminate()
+            self._process.wait()
+
+
+def free_port() -> int:
+    """A port of 127.0.0.1 that nobody listens on."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
+
+
+def _executable() -> str:
+    """The viewer that came with this Python's rerun, or another on the path."""
+    beside = Path(sys.executable).with_name("rerun")
+    found = str(beside) if beside.exists() else shutil.which("rerun")
+    if not found:
+        raise QuadrigError("there is no rerun viewer here; install rerun-sdk, or use --no-viewer")
+    return found
+
+
+def _hull(pixels: Array) -> Array:
+    """The outline of points: the points themselves where they are four corners, else their hull."""
+    import cv2
+
+    if len(pixels) == 4:
+        return pixels[_RING]
+    hull = cv2.convexHull(pixels.astype(np.float32))[:, 0]
+    return np.concatenate([hull, hull[:1]])
+
+
+def _outlines(placed: PlacedRectangle) -> Array:
+    pose = placed.rig_from_rect
+    batch = pose if pose.translation.ndim == 2 else pose[None]
+    return batch[:, None].transform(placed.rectangle.corners[_RING])
+
+
+def _extent(rig: Rig) -> float:
+    """A length that suits the rig: the median distance of its cameras from their middle."""
+    places = np.array([camera.rig_from_camera.translation for camera in rig.cameras])
+    return float(max(np.median(np.linalg.norm(places - places.mean(0), axis=1)), 0.05))
+
+
+def _ellipsoid(covariance: Array) -> tuple[Array, Array]:
+    """Half sizes (3,), of _SIGMAS sigmas, and axes (3, 3), right-handed, of a covariance of positions."""
+    variances, axes = np.linalg.eigh(covariance)
+    axes = axes * np.sign(np.linalg.det(axes))
+    return _SIGMAS * np.sqrt(np.maximum(variances, 0)) + 1e-6, axes
