@@ -128,8 +128,9 @@ def _size(width: float | None, height: float | None, paper: str | None, portrait
     if paper is None:
         if width is None and height is None:
             return None
-        width, height = width or height or 0.0, height or width or 0.0
-        return width, height
+        # One side alone is a square's.
+        width, height = height if width is None else width, width if height is None else height
+        return float(width or 0), float(height or 0)
     if width is not None or height is not None:
         raise QuadrigError("--paper and --width or --height say the same thing; give one of them")
     names = {name.lower(): size for name, size in PAPER_SIZES.items()}

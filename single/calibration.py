@@ -146,8 +146,8 @@ def calibrate_views(
     middle = np.array([(width - 1) / 2, (height - 1) / 2])
     centre = middle if principal_point is None else np.asarray(principal_point, float)
     given = _Given(image_size, focal, centre, principal_point_sigma, distortion_sigma)
-    views, readings = _likeliest_readings(views, given)
-    start, poses = _start(views, given)
+    views, readings, alone = _likeliest_readings(views, given)
+    start, poses = _start(views, given, alone)
     fit, noise = _fitted(views, given, start, poses, distortion)
     return _calibration(views, readings, given, fit, noise)
 
@@ -177,41 +177,39 @@ def _alone(view: View, given: _Given, points: Array, focal: float | None) -> Sol
     )
 
 
-def _likeliest_readings(views: Sequence[View], given: _Given) -> tuple[list[View], tuple[int, ...]]:
-    """Each View under the reading that fits best; the first where others are no better than noise makes them."""
-    taken, numbers = [], []
+def _likeliest_readings(views: Sequence[View], given: _Given) -> tuple[list[View], tuple[int, ...], list[Solution]]:
+    """Each View under the reading that fits best, which that is, and what it gives alone; the first reading where
+    others are no better than noise makes them."""
+    taken, numbers, alone = [], [], []
     for view in views:
         answers = [_alone(view, given, points, given.focal) for points in view.readings]
-        reasons = [Reason(int(answer.reason)) for answer in answers]
         fits = [float(answer.chi2) if np.isfinite(answer.chi2) else np.inf for answer in answers]
         if not np.isfinite(fits).any():
             where = f"the View of {view.rectangle!r}" + (f" in camera {view.camera!r}" if view.camera else "")
-            raise QuadrigError(f"{where}: {REASON_WORDS[reasons[0]]}")
+            raise QuadrigError(f"{where}: {REASON_WORDS[Reason(int(answers[0].reason))]}")
         best = int(np.argmin(fits))
         # Less than one unit of chi2 is what noise does to a reading that is as good.
         best = 0 if fits[0] < fits[best] + 1 else best
         taken.append(replace(view, points=view.readings[best], alternatives=()))
         numbers.append(best)
-    return taken, tuple(numbers)
+        alone.append(answers[best])
+    return taken, tuple(numbers), alone
 
 
-def _start(views: Sequence[View], given: _Given) -> tuple[Intrinsics, Pose]:
-    """A lens and poses to start from: every View alone, then all at one focal, weighted as each knows it."""
-    width, height = given.image_size
-    focal = given.focal
+def _start(views: Sequence[View], given: _Given, alone: Sequence[Solution]) -> tuple[Intrinsics, Pose]:
+    """A lens and poses to start from: every View at one focal, their own weighted as each knows it."""
+    focal, at_focal = given.focal, alone
     if focal is None:
-        alone = [_alone(view, given, view.points, None) for view in views]
         inverse = np.array([1 / float(answer.focal) for answer in alone])
         weight = np.array([(float(answer.focal) ** 2 / float(answer.focal_sigma)) ** 2 for answer in alone])
         weight = np.where(np.isfinite(weight * inverse), weight, 0.0)
-        focal = (
-            float(weight.sum() / (weight * np.nan_to_num(inverse)).sum())
-            if weight.sum() > 0
-            else float(max(width, height))
-        )
-    at_focal = [_alone(view, given, view.points, focal).cam_from_rect for view in views]
-    poses = Pose(np.stack([pose.rotation for pose in at_focal]), np.stack([pose.translation for pose in at_focal]))
-    return Intrinsics(width, height, focal, given.centre.copy()), poses
+        known = weight.sum() > 0
+        focal = float(weight.sum() / (weight * inverse)[weight > 0].sum()) if known else float(max(given.image_size))
+        if len(views) > 1 or not known:
+            at_focal = [_alone(view, given, view.points, focal) for view in views]
+    rotations = np.stack([answer.cam_from_rect.rotation for answer in at_focal])
+    translations = np.stack([answer.cam_from_rect.translation for answer in at_focal])
+    return Intrinsics(*given.image_size, focal, given.centre.copy()), Pose(rotations, translations)
 
 
 def _fitted(
