@@ -13,6 +13,7 @@ from .view import View
 
 # A corner whose fit leaves more than this share of its contrast unexplained (rms) is covered, torn or no corner.
 _UNEXPLAINED = 0.2
+_ALWAYS_EXPLAINED = 0.05
 # Grey levels between the squares below which a corner is lost in the noise.
 _LEAST_CONTRAST = 12.0
 # sigma (px) above which a corner says too little to be worth the risk.
@@ -90,6 +91,11 @@ def _good(fit: CornerFit) -> Array:
     strength = np.abs(fit.contrast)
     explained = fit.noise < _UNEXPLAINED * strength
     return explained & (strength > _LEAST_CONTRAST) & (fit.sigma < _WORST_SIGMA) & np.isfinite(fit.pixels).all(axis=1)
+
+
+def _alike(fit: CornerFit) -> Array:
+    """Which corners leave about as much unexplained as their fellows: one with much more is touched by something."""
+    return fit.noise < np.maximum(3 * np.median(fit.noise), _ALWAYS_EXPLAINED * np.abs(fit.contrast))
 
 
 def _all_sure(fit: CornerFit, grid: Array, axes: Array) -> bool:
@@ -257,7 +263,7 @@ def _fit_charuco(grey: Array, marking: CharucoMarking, places: Array, axes: Arra
         here = here + shift * np.minimum(1, 4 / np.maximum(np.linalg.norm(shift, axis=1), 1e-9))[:, None]
     side = np.linalg.norm(axes[index], axis=2).min(axis=1)
     moved = np.linalg.norm(fit.pixels - places[index], axis=1)
-    sure = _good(fit) & (moved < np.maximum(1.5, 0.2 * side))
+    sure = _good(fit) & _alike(fit) & (moved < np.maximum(1.5, 0.2 * side))
     sure &= np.sign(fit.contrast) == _expected_signs(marking)[index]
     pixels[index], sigma[index], good[index] = fit.pixels, fit.sigma, sure
     return pixels, sigma, good

@@ -20,6 +20,8 @@ _UNEXPLAINED = 0.25
 _PRINT = 0.2
 # A second sheet of this share of the first one's area makes the choice a guess.
 _RIVAL = 0.4
+# Share by which angle and side ratio may be missed where the lens bends the outline or is not centred.
+_SURELY_WRONG = 0.15
 # px that a real sheet's edge and corner depart from the model.
 _MODEL_SIGMA = 0.05
 
@@ -37,7 +39,7 @@ def detect_plain(grey: Array, rectangle: Rectangle) -> View | None:
     if best is None:
         return None
     corners, sigma = best
-    orders = _readings(rectangle, corners)
+    orders = _possible(rectangle, corners, _readings(corners), grey.shape)
     points = rectangle.corners
     return View(
         rectangle.name,
@@ -122,7 +124,7 @@ def _undisputed(fitted: list[tuple[Array, float]]) -> tuple[Array, float] | None
     return fitted[0]
 
 
-def _readings(rectangle: Rectangle, corners: Array) -> list[list[int]]:
+def _readings(corners: Array) -> list[list[int]]:
     """Orders that put clockwise image corners into Eq. 4's order, the most upright first."""
     orders = [[(start + k) % 4 for k in range(4)] for start in range(4)]
     # Eq. 4's first side runs leftwards along the bottom: width; so what is most upright has it point most to -x.
@@ -130,19 +132,30 @@ def _readings(rectangle: Rectangle, corners: Array) -> list[list[int]]:
     for order in orders:
         first = corners[order[1]] - corners[order[0]] + corners[order[2]] - corners[order[3]]
         leftward.append(-first[0] / max(np.linalg.norm(first), 1e-9))
-    ranked = [orders[k] for k in np.argsort(leftward)[::-1]]
-    if np.isclose(rectangle.width, rectangle.height, rtol=0.02):
-        return ranked
-    return _by_long_side(rectangle, corners, ranked)
+    return [orders[k] for k in np.argsort(leftward)[::-1]]
 
 
-def _by_long_side(rectangle: Rectangle, corners: Array, ranked: list[list[int]]) -> list[list[int]]:
-    """Readings whose longer sides lie along the image's longer sides come before those that need foreshortening."""
-    sides = np.linalg.norm(np.roll(corners, -1, axis=0) - corners, axis=1)
+def _possible(
+    rectangle: Rectangle, corners: Array, orders: list[list[int]], shape: tuple[int, ...]
+) -> list[list[int]]:
+    """The orders that some focal length explains; those of a quarter turn seldom are, unless the sheet is square.
 
-    def misfit(order: list[int]) -> float:
-        width = sides[order[0]] + sides[order[2]]
-        height = sides[order[1]] + sides[order[3]]
-        return abs(float(np.log(width / height) - np.log(rectangle.width / rectangle.height)))
+    A homography has one constraint more than an unknown focal needs (orthogonal sides, and their ratio): it is spent
+    on the choice here, with the principal point in the image's middle.
+    """
+    misfits = [_misfit(rectangle, corners[order], shape) for order in orders]
+    limit = max(_SURELY_WRONG, 3 * min(misfits))
+    kept = [order for order, misfit in zip(orders, misfits, strict=True) if misfit <= limit]
+    return sorted(kept, key=lambda order: misfits[orders.index(order)] > _SURELY_WRONG / 3)
 
-    return sorted(ranked, key=lambda order: round(misfit(order), 6))
+
+def _misfit(rectangle: Rectangle, corners: Array, shape: tuple[int, ...]) -> float:
+    """Least share by which right angle or side ratio are missed, over all focals from fisheye to telephoto."""
+    middle = np.array([(shape[1] - 1) / 2, (shape[0] - 1) / 2])
+    plane = rectangle.corners[:, :2].astype(np.float32)
+    homography = cv2.getPerspectiveTransform(plane, (corners - middle).astype(np.float32))
+    focals = max(shape) * np.geomspace(0.3, 8.0, 60)
+    rays = homography[None, :, :2] / np.stack([focals, focals, np.ones_like(focals)], axis=1)[:, :, None]
+    first, second = np.linalg.norm(rays[..., 0], axis=1), np.linalg.norm(rays[..., 1], axis=1)
+    cosine = np.abs(np.sum(rays[..., 0] * rays[..., 1], axis=1)) / (first * second)
+    return float(np.min(np.hypot(cosine, np.log(first / second))))

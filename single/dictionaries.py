@@ -47,6 +47,5 @@ def check_tag_id(name: str, tag_id: int, whose: str) -> None:
     """Raises QuadrigError where the dictionary has no tag of this id; `whose` begins the sentence."""
     size = dictionary_size(name)
     if not 0 <= tag_id < size:
-        raise QuadrigError(
-            f"{whose}: the dictionary {canonical_dictionary(name)} has no tag {tag_id}; choose an id from 0 to {size - 1}"
-        )
+        known = canonical_dictionary(name)
+        raise QuadrigError(f"{whose}: the dictionary {known} has no tag {tag_id}; choose an id from 0 to {size - 1}")

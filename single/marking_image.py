@@ -114,17 +114,18 @@ def _tag_patches(dictionary: str, tag_id: int, x: float, y: float, width: float,
 def marking_image(rectangle: Rectangle, pixels_per_metre: float, margin: float | None = None) -> Array:
     """The sheet's picture (h, w) float32 in [0, 1], each pixel the mean tone over its area.
 
-    Row and column r, c cover the sheet from its top left corner in steps of 1 / pixels_per_metre metres; the last
-    row and column are cut where the sheet ends within them. Raises QuadrigError as marking_patches does.
+    The picture spans the sheet with its margin exactly, in at least pixels_per_metre along both of its sides.
+    Raises QuadrigError as marking_patches does.
     """
     patches = marking_patches(rectangle, margin)
     sheet = patches[0]
-    width = max(1, int(np.ceil((sheet.right - sheet.left) * pixels_per_metre - 1e-6)))
-    height = max(1, int(np.ceil((sheet.bottom - sheet.top) * pixels_per_metre - 1e-6)))
+    size_x, size_y = sheet.right - sheet.left, sheet.bottom - sheet.top
+    width = max(1, int(np.ceil(size_x * pixels_per_metre - 1e-6)))
+    height = max(1, int(np.ceil(size_y * pixels_per_metre - 1e-6)))
     image = np.full((height, width), sheet.tone, np.float32)
     for patch in patches[1:]:
-        columns, cover_x = _cover(patch.left - sheet.left, patch.right - sheet.left, pixels_per_metre, width)
-        rows, cover_y = _cover(patch.top - sheet.top, patch.bottom - sheet.top, pixels_per_metre, height)
+        columns, cover_x = _cover(patch.left - sheet.left, patch.right - sheet.left, width / size_x, width)
+        rows, cover_y = _cover(patch.top - sheet.top, patch.bottom - sheet.top, height / size_y, height)
         area = image[rows, columns]
         area += np.outer(cover_y, cover_x) * (patch.tone - area)
     return image

@@ -95,8 +95,8 @@ def render(
     """The picture, uint8 (h, w, 3) blue green red, or (h, w) where colour is False.
 
     background: a Room, what `backdrop` made of it (h, w, 3) or (h, w), or one tone. samples: rays a pixel along
-    each axis. blur: sigma of the lens's Gaussian, px (the sheets'; a room is soft already). noise: sigma of the sensor's, grey levels (needs rng; a
-    generator of seed 0 where None). vignetting: share of light lost in the image's corners.
+    each axis. blur: sigma of the lens's Gaussian, px (the sheets'; a room is soft already). noise: sigma of the
+    sensor's, grey levels (drawn from rng; from seed 0 where None). vignetting: share of light lost in the corners.
     """
     grid = camera if isinstance(camera, RayGrid) else ray_grid(camera)
     image = _background(grid, camera_from_world, background, colour)
@@ -259,11 +259,10 @@ def _texture(sheet: Sheet, density: float) -> tuple[tuple[Array, Array], tuple[f
 
     The two are one and the same array where nothing is printed.
     """
-    if sheet.texture is None:
-        return _drawn_texture(sheet.rectangle, density, sheet.border), (density, density)
-    picture = np.asarray(sheet.texture, np.float32)
-    height, width = picture.shape
-    return _bordered(picture), (width / sheet.size[0], height / sheet.size[1])
+    drawn = sheet.texture is None
+    both = _drawn_texture(sheet.rectangle, density, sheet.border) if drawn else _bordered(sheet.texture)
+    height, width = both[0].shape
+    return both, ((width - 2) / sheet.size[0], (height - 2) / sheet.size[1])
 
 
 @lru_cache(maxsize=64)
@@ -272,7 +271,7 @@ def _drawn_texture(rectangle: Rectangle, density: float, margin: float) -> tuple
 
 
 def _bordered(picture: Array) -> tuple[Array, Array]:
-    levels = np.rint(255 * picture).astype(np.uint8)
+    levels = np.rint(255 * np.asarray(picture, np.float32)).astype(np.uint8)
     cover = cv2.copyMakeBorder(np.full_like(levels, 255), 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=0)
     if np.all(levels == 255):
         return cover, cover

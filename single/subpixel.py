@@ -22,6 +22,9 @@ _ITERATIONS = 12
 _PIXEL_IS_SMALL = 0.8
 # Gauss-Newton ends when no place moved by more than this (px): a tenth of what the best picture can tell.
 _SETTLED = 1e-3
+# Grey levels: white that may have been cut off, and ink that at a good exposure is darker even in a gamma curve.
+# Where both are passed, an unknown part of the step is missing, and its middle with it.
+_CLIPPED, _LIGHT_INK = 252.0, 90.0
 # Grey levels of noise below which residuals are those of the model: rounding to whole levels alone leaves 0.29.
 _LEAST_NOISE = 0.3
 
@@ -31,7 +34,7 @@ class EdgeFit:
     """Sides of outlines: offset c0 + c1 u + c2 u^2 (px, along the normal) over u in [-1, 1] from start to end.
 
     coefficients (N, 3), covariance (N, 3, 3), noise (N,) grey levels, contrast (N,) grey levels from inside to
-    outside, blur (N,) px, points (N,) how many pixels spoke.
+    outside, blur (N,) px, dark (N,) grey level of the inner side.
     """
 
     coefficients: Array
@@ -39,6 +42,16 @@ class EdgeFit:
     noise: Array
     contrast: Array
     blur: Array
+    dark: Array
+
+    @property
+    def washed_out(self) -> Array:
+        """Which (N,) edges run between white that is clipped and a dark side that is light: they lie elsewhere."""
+        lighter, darker = (
+            np.maximum(self.dark, self.dark + self.contrast),
+            np.minimum(self.dark, self.dark + self.contrast),
+        )
+        return (lighter > _CLIPPED) & (darker > _LIGHT_INK)
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,7 +181,8 @@ def _edge_iterations(u, offset, grey, weight, length, reach, start_bow) -> EdgeF
         if not len(active):
             break
     covariance = inverse[:, 4:7, 4:7] * (noise**2)[:, None, None]
-    return EdgeFit(parameters[:, 4:7].copy(), covariance, noise, parameters[:, 2].copy(), np.exp(parameters[:, 7]))
+    dark, contrast = parameters[:, 0].copy(), parameters[:, 2].copy()
+    return EdgeFit(parameters[:, 4:7].copy(), covariance, noise, contrast, np.exp(parameters[:, 7]), dark)
 
 
 def _mean(values: Array, weight: Array) -> Array:
@@ -188,19 +202,22 @@ def _edge_model(parameters: Array, u: Array, offset: Array, grey: Array) -> tupl
     return residual, jacobian
 
 
-def fit_outline(image: Array, corners: Array, reach: Array, bow: Array | None = None):
+def fit_outline(
+    image: Array, corners: Array, reach: Array, bow: Array | None = None, blur: Array | None = None
+) -> tuple[Array, Array, EdgeFit]:
     """Corners (N, 4, 2) px of quadrilaterals, from the four edges of each, with what the edges told.
 
     reach (N, 4): px to either side of the side from corner k to k + 1 that belong to that edge alone.
-    bow (N, 4): how far each side is known to bulge (c2 of an earlier fit), px.
+    bow (N, 4): how far each side is known to bulge (c2 of an earlier fit), px. blur (N, 4): px, where known.
     Returns corners (N, 4, 2), sigma (N, 4) px a coordinate, and the EdgeFit of all sides (4 N in order).
     """
     count = len(corners)
     start, end = corners.reshape(-1, 2), np.roll(corners, -1, axis=1).reshape(-1, 2)
     centre = np.repeat(corners.mean(axis=1), 4, axis=0)
     length = np.linalg.norm(end - start, axis=1)
-    # Blur rounds a corner off within some two pixels of it.
-    margin = np.minimum(np.maximum(2.0, 0.06 * length), 0.25 * length)
+    # Blur rounds a corner off: within some two pixels of it, or two and a half times a blur that is known.
+    rounded = 2.0 if blur is None else np.maximum(2.0, 2.5 * blur.reshape(-1))
+    margin = np.minimum(np.maximum(rounded, 0.06 * length), 0.3 * length)
     flat_bow = None if bow is None else bow.reshape(-1)
     fit = fit_edges(image, start, end, centre, reach.reshape(-1), margin, flat_bow)
     refined, sigma = _meet(corners, fit)

@@ -36,11 +36,13 @@ def test_light_of_a_sheet_is_its_projected_area():
 def test_middle_of_light_is_where_the_lens_puts_it():
     small = Rectangle("small", 0.01, 0.01, PlainMarking())
     pose = facing(0.18, 0.12, 0.5)
-    image = render(BENT, Pose.identity(), [Sheet(small, pose, tone=1.0)], background=0.0, samples=8, colour=False)
+    # Blur leaves the middle of the light where it is, and frees it from the pixels' own middles.
+    light = {"background": 0.0, "samples": 6, "blur": 1.0, "colour": False}
+    image = render(BENT, Pose.identity(), [Sheet(small, pose, tone=1.0)], **light)
     y, x = np.mgrid[: image.shape[0], : image.shape[1]]
     middle = np.array([(x * image).sum(), (y * image).sum()]) / image.sum()
-    # The square is 3 px wide: distortion moves its middle against the projected middle by less than this.
-    np.testing.assert_allclose(middle, BENT.project(pose.translation), atol=0.02)
+    # Distortion moves the middle of a square 3 px wide by less than this against its projected middle.
+    np.testing.assert_allclose(middle, BENT.project(pose.translation), atol=0.01)
 
 
 def test_nearer_sheet_hides_the_other_whatever_their_order():
@@ -132,5 +134,5 @@ def test_patches_fill_the_rectangle_and_stay_within_the_sheet(marking):
 def test_picture_of_a_marking_keeps_its_ink_at_any_scale():
     rectangle = Rectangle("r", 0.2, 0.16, ChessboardMarking(5, 4, 0.04))
     for density in (500.0, 777.7, 1234.5):
-        ink = (1 - marking_image(rectangle, density)).sum() / density**2
+        ink = (1 - marking_image(rectangle, density)).mean() * (0.24 * 0.20)
         assert ink == pytest.approx(0.2 * 0.16 / 2, rel=1e-3)
