@@ -265,10 +265,10 @@ BOARD = Rectangle("board", 0.30, 0.40, ChessboardMarking(9, 12, 0.40 / 12))
 def rendered(truth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """What a rendered picture of the 30 x 40 cm board gives for (T cm, theta degrees, f), and its sigmas."""
     rect_from_cam = Pose(rotation_from_angles(*np.radians(truth[3:6])), truth[:3] / 100)
-    lens = Intrinsics.centred(2400, 2400, truth[6])
+    lens = Intrinsics.centred(2300, 1800, truth[6])
     picture = render(lens, rect_from_cam.inverse(), [Sheet(BOARD, Pose.identity())], blur=0.5)
     (view,) = detect(picture, [BOARD])
-    found = calibrate_view(view, (2400, 2400), principal_point=lens.principal_point, distortion="none")
+    found = calibrate_view(view, (2300, 1800), principal_point=lens.principal_point, distortion="none")
     pose = found.rect_from_cams[0]
     sigmas = paper_sigmas(found.covariance(), found.cam_from_rects[0])
     values = np.array(
