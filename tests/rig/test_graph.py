@@ -1,0 +1,106 @@
+"""The pose graph: components, the vote among candidates, chains, and loops that close."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from quadrig.rig.calibrate import calibrate
+from quadrig.rig.graph import components, first_rig, pose_graph
+from quadrig.rig.problem import build_problem
+from quadrig.rig.start import start
+from quadrig.single.rotation import rotation_from_vector
+
+
+def first_of(made, views=None, reference=0):
+    problem = build_problem(made.inputs, made.rectangles, made.views if views is None else views)
+    return problem, first_rig(problem, start(problem).candidates, reference)
+
+
+def test_the_graph_has_a_node_for_each_camera_and_rectangle_pose(board_rig):
+    made, _ = board_rig
+    problem = build_problem(made.inputs, made.rectangles, made.views)
+    graph = pose_graph(problem)
+    assert sum(1 for kind, _ in graph if kind == "camera") == 3
+    moving = {(v.rectangle, v.frameset) for v in made.views if v.rectangle == "sheet"}
+    still = {v.rectangle for v in made.views if v.rectangle != "sheet"}
+    assert sum(1 for kind, _ in graph if kind == "rect") == len(moving) + len(still)
+
+
+def test_components_are_those_that_share(board_rig):
+    made, _ = board_rig
+    problem = build_problem(made.inputs, made.rectangles, made.views)
+    assert components(problem) == [[0, 1, 2]]
+    # The last camera keeps only framesets and rectangles that nobody else sees.
+    views = [replace(v, frameset=v.frameset + 500) if v.camera == "cam2" else v for v in made.views]
+    views = [v for v in views if v.camera != "cam2" or v.rectangle == "sheet"]
+    problem = build_problem(made.inputs, made.rectangles, views)
+    assert components(problem) == [[0, 1], [2]]
+
+
+def test_from_clean_views_the_first_rig_is_near_the_truth_already(simulated):
+    made = simulated.simulate(4, simulated.Scene(noise=0.01, distortion=False, principal=0.0))
+    problem, first = first_of(made)
+    assert first.connected.all()
+    assert first.agrees.all()
+    for index, camera in enumerate(problem.cameras):
+        true = made.rig_from_camera("cam0", camera.name).inverse()
+        step = first.camera_from_rig[index].step_to(true)
+        assert np.linalg.norm(step[:3]) < 0.01
+        assert np.linalg.norm(step[3:]) < 0.03
+
+
+def test_the_vote_outweighs_wrong_edges(simulated):
+    """A third of one camera's Views are another sheet's: the first rig is as if they were not there."""
+    made = simulated.simulate(9, simulated.Scene(framesets=30, tags=0))
+    rng = np.random.default_rng(0)
+    own = [i for i, v in enumerate(made.views) if v.camera == "cam1"]
+    wrong = {int(i) for i in rng.choice(own, len(own) // 3, replace=False)}
+    views = list(made.views)
+    for i in wrong:
+        turn = rotation_from_vector(np.array([0, 0, rng.uniform(0.5, 3)]))[:2, :2]
+        middle = views[i].pixels.mean(axis=0)
+        views[i] = replace(views[i], pixels=(views[i].pixels - middle) @ turn.T + rng.uniform([300, 200], [900, 500]))
+    problem, first = first_of(made, views)
+    key = {(views[i].camera, views[i].frameset) for i in wrong}
+    for index, view in enumerate(problem.views):
+        alone = sum(v.frameset == view.frameset for v in problem.views) < 3
+        if (view.camera, view.frameset) in key and not alone:
+            assert not first.agrees[index]
+    for index, camera in enumerate(problem.cameras):
+        step = first.camera_from_rig[index].step_to(made.rig_from_camera("cam0", camera.name).inverse())
+        assert np.linalg.norm(step[:3]) < 0.1
+
+
+def test_any_camera_may_be_the_first(board_rig):
+    made, _ = board_rig
+    for reference in range(3):
+        problem, first = first_of(made, reference=reference)
+        name = problem.cameras[reference].name
+        np.testing.assert_allclose(first.camera_from_rig[reference].matrix(), np.eye(4), atol=1e-12)
+        for index, camera in enumerate(problem.cameras):
+            step = first.camera_from_rig[index].step_to(made.rig_from_camera(name, camera.name).inverse())
+            # Principal points are off by 25 px of a thousand, and that is all that is.
+            assert np.linalg.norm(step[:3]) < 0.1
+
+
+def test_relatives_tell_how_many_support_them(board_rig):
+    made, _ = board_rig
+    _, first = first_of(made)
+    assert {(r.left, r.right) for r in first.relatives} == {(0, 1), (0, 2), (1, 2)}
+    for relative in first.relatives:
+        assert 0 < relative.support <= relative.voters
+        assert relative.sigma > 0
+
+
+def test_a_large_ring_closes(simulated):
+    """Chains round both sides meet opposite the reference: the Views there hold the ring together, none is thrown
+    out."""
+    made = simulated.ring(32, 12)
+    rig = calibrate(made.inputs, made.rectangles, made.views)
+    assert not [fit for fit in rig.fits if fit.rejected]
+    opposite = rig.camera("cam16")
+    step = opposite.rig_from_camera.step_to(made.rig_from_camera("cam0", "cam16"))
+    covariance = rig.pose_covariance("cam16")
+    assert np.sqrt(step @ np.linalg.solve(covariance, step) / 6) < 2.2
+    assert rig.noise == pytest.approx(made.noise, rel=0.05)

@@ -1,0 +1,132 @@
+"""What is missing is named: who shares nothing, with whom it comes nearest, and what to show."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from quadrig.rig.calibrate import calibrate
+from quadrig.rig.inputs import CameraInput
+from quadrig.single.errors import QuadrigError
+from quadrig.single.lens import project
+from quadrig.single.pose import Pose
+from quadrig.single.rectangle import Rectangle, board_points
+from quadrig.single.rotation import rotation_from_vector
+from quadrig.single.view import View
+
+
+def apart(made, name, frames=500):
+    """The same Views, but this camera sees the sheet at other instants than everybody else, and no tag."""
+    moved = [replace(v, frameset=v.frameset + frames) if v.camera == name else v for v in made.views]
+    return [v for v in moved if v.camera != name or v.rectangle == "sheet"]
+
+
+def test_a_camera_that_shares_nothing_is_left_out_and_named(board_rig):
+    made, _ = board_rig
+    found = calibrate(made.inputs, made.rectangles, apart(made, "cam1"))
+    assert {c.name for c in found.cameras} == {"cam0", "cam2"}
+    assert found.missing.keys() == {"cam1"}
+    sentence = found.missing["cam1"]
+    for word in ("cam1", "sheet", "hold"):
+        assert word in sentence
+    assert "cam0" in sentence or "cam2" in sentence
+    # The others are as good as they are without it.
+    without = calibrate(
+        [c for c in made.inputs if c.name != "cam1"], made.rectangles, [v for v in made.views if v.camera != "cam1"]
+    )
+    assert found.working_accuracy == pytest.approx(without.working_accuracy, rel=1e-9)
+
+
+def test_the_camera_that_comes_nearest_is_the_one_named(board_rig):
+    made, _ = board_rig
+    views = [v for v in apart(made, "cam1") if v.rectangle == "sheet"]
+    last = max(v.frameset for v in views if v.camera != "cam1")
+    views = [v for v in views if v.camera == "cam1" or v.frameset != last]
+    nearest = View("sheet", *points_and_pixels(made, views, "cam2"), "cam2", 495)
+    first = min(v.frameset for v in views if v.camera == "cam1")
+    found = calibrate(made.inputs, made.rectangles, [*views, nearest])
+    assert "cam2" in found.missing["cam1"]
+    assert f"{first - 495} framesets apart" in found.missing["cam1"]
+
+
+def points_and_pixels(made, views, camera):
+    view = next(v for v in views if v.camera == camera)
+    return view.points, view.pixels
+
+
+def test_a_camera_that_saw_nothing_is_told_what_to_be_shown(board_rig):
+    made, _ = board_rig
+    found = calibrate([*made.inputs, CameraInput("door", 1280, 720)], made.rectangles, made.views)
+    assert found.missing.keys() == {"door"}
+    assert "saw no rectangle" in found.missing["door"]
+
+
+def test_the_larger_of_two_groups_is_the_rig(simulated):
+    made = simulated.simulate(14, simulated.Scene(cameras=5, framesets=30, tags=0))
+    pair = {"cam0", "cam1"}
+    views = [replace(v, frameset=v.frameset + 500) if v.camera in pair else v for v in made.views]
+    found = calibrate(made.inputs, made.rectangles, views, reference="cam3")
+    assert {c.name for c in found.cameras} == {"cam2", "cam3", "cam4"}
+    assert found.missing.keys() == pair
+    assert "only with cam1" in found.missing["cam0"]
+    assert found.reference == "cam3"
+
+
+def test_a_reference_that_is_left_out_gives_way(board_rig):
+    made, _ = board_rig
+    found = calibrate(made.inputs, made.rectangles, apart(made, "cam0"), reference="cam0")
+    assert found.reference == "cam1"
+    assert "cam0" in found.missing
+
+
+def test_where_no_two_cameras_share_the_error_says_who_would_have_to(board_rig):
+    made, _ = board_rig
+    views = apart(made, "cam1")
+    views = [v for v in views if v.camera != "cam2"]
+    with pytest.raises(QuadrigError, match="no two cameras can be joined") as caught:
+        calibrate(made.inputs, made.rectangles, views)
+    assert "cam1" in str(caught.value)
+    assert "cam2" in str(caught.value)
+
+
+def test_nothing_seen_at_all_is_said(board_rig):
+    made, _ = board_rig
+    with pytest.raises(QuadrigError, match="no rectangle was found"):
+        calibrate(made.inputs, made.rectangles, [])
+
+
+def test_one_camera_is_no_rig(board_rig):
+    made, _ = board_rig
+    with pytest.raises(QuadrigError, match="two cameras"):
+        calibrate(made.inputs[:1], made.rectangles, [v for v in made.views if v.camera == "cam0"])
+
+
+def shown_square(lens_beside, rng):
+    """A board held square to a camera "flat" and to cam0 beside it: in "flat" no perspective tells the focal."""
+    points = board_points(9, 7, 0.06)
+    lens = np.array([1000.0, 640, 360, 0, 0, 0, 0, 0, 1.0])
+    views = []
+    for frameset in range(1000, 1008):
+        turn = rotation_from_vector(np.array([0, 0, rng.uniform(-1, 1)]))
+        located = Pose(turn, np.array([*rng.uniform(-0.3, 0.3, 2), 2.0])).transform(points)
+        beside = located + np.array([0.2, 0.0, 0.0])
+        for name, seen in (("flat", project(lens, located)), ("cam0", project(lens_beside, beside))):
+            views.append(View("wall", points, seen + 0.3 * rng.normal(size=seen.shape), name, frameset))
+    return views
+
+
+def test_a_camera_whose_views_are_all_flat_on_is_told_to_tilt(board_rig):
+    made, _ = board_rig
+    wall = Rectangle("wall", 0.54, 0.42, moving=True)
+    views = shown_square(made.lenses[made.index("cam0")], np.random.default_rng(0))
+    inputs = [*made.inputs, CameraInput("flat", 1280, 720)]
+    rig = calibrate(inputs, [*made.rectangles, wall], [*made.views, *views])
+    flat = rig.camera("flat")
+    relative = rig.focal_sigma("flat") / flat.intrinsics.focal
+    assert relative > 0.02
+    assert all(rig.focal_sigma(c.name) / c.intrinsics.focal < 0.02 for c in rig.cameras if c.name != "flat")
+    told = [sentence for sentence in rig.weak if sentence.startswith("flat:") and "tilt" in sentence]
+    assert told
+    assert not [s for s in rig.weak if s.startswith("cam0:") and "tilt" in s]
+    if relative > 0.2:
+        assert not flat.observable_focal
