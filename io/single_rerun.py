@@ -19,6 +19,8 @@ _SHEET, _CAMERA, _TWIN, _SEEN, _FITTED = (
     [255, 80, 80],
     [80, 230, 120],
 )
+# ln of a likelihood ratio of a thousand to one: beyond it the mirror twin is no candidate, and would only confuse.
+_EXCLUDED = 7.0
 # The sheet's outline in Eq. 4's corners, closed.
 _RING = [0, 1, 2, 3, 0]
 
@@ -47,7 +49,7 @@ def save_calibration(path: Path, picture: Array, rectangle: Rectangle, view: Vie
             "sheet/points", rr.Points3D(view.points, colors=_SHEET, radii=rr.Radius.ui_points(2)), static=True
         )
         distance = float(np.linalg.norm(pose.translation))
-        _log_camera(recording, "camera", pose, calibration, 0.4 * distance, _CAMERA)
+        _log_camera(recording, "camera", pose, calibration, 0.25 * distance, _CAMERA)
         rgb = cv2.cvtColor(picture, cv2.COLOR_BGR2RGB)
         recording.log("camera/image", rr.Image(rgb).compress(jpeg_quality=90), static=True)
         fitted = view.pixels - calibration.residuals[0]
@@ -60,8 +62,8 @@ def save_calibration(path: Path, picture: Array, rectangle: Rectangle, view: Vie
         edge = lens.project(calibration.cam_from_rects[0].transform(_dense(outline)))
         recording.log("camera/image/outline", rr.LineStrips2D([edge], colors=[_FITTED]), static=True)
         twins = calibration.twins
-        if twins is not None and twins.exists:
-            _log_camera(recording, "twin", twins.cam_from_rect[1].inverse(), calibration, 0.2 * distance, _TWIN)
+        if twins is not None and twins.log_likelihood_ratio < _EXCLUDED:
+            _log_camera(recording, "twin", twins.cam_from_rect[1].inverse(), calibration, 0.12 * distance, _TWIN)
 
 
 def _log_camera(
