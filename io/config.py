@@ -8,6 +8,7 @@ import msgspec
 import numpy as np
 
 from quadrig.rig.inputs import CameraInput, LensChoice
+from quadrig.single.dictionaries import canonical_dictionary, check_tag_id
 from quadrig.single.errors import QuadrigError
 from quadrig.single.lens import Intrinsics, LensModel
 from quadrig.single.pose import Pose
@@ -22,6 +23,7 @@ from quadrig.single.rectangle import (
 )
 from quadrig.single.rotation import rotation_from_angles, rotation_from_quaternion
 
+from .beside import write_text
 from .config_errors import decode_error, locate
 
 # Lengths measured twice, once as columns x square and once as the sheet's side, agree to a printer's rounding.
@@ -197,11 +199,12 @@ def _rectangle(table: _Rectangle, index: int, text: str, name: str) -> Rectangle
     width, height = (
         _side(table, side, count, text, name, path) for side, count in (("width", "columns"), ("height", "rows"))
     )
+    world = None
     try:
         world = None if table.world_from_rect is None else _world_pose(table.world_from_rect)
         marking = _marking(table.marking)
-    except ValueError as error:
-        key = "marking" if table.world_from_rect is None else "world_from_rect"
+    except (ValueError, QuadrigError) as error:
+        key = "world_from_rect" if world is None and table.world_from_rect is not None else "marking"
         raise QuadrigError(f"{locate(name, text, path, key)}: rectangle {table.name!r}: {error}") from error
     try:
         return Rectangle(table.name, width, height, marking, table.moving, world)
@@ -231,7 +234,8 @@ def _side(table: _Rectangle, side: str, count: str, text: str, name: str, path: 
 def _marking(table: _Tag | _Charuco | _Chessboard | _Plain | _Points) -> Marking:
     match table:
         case _Tag():
-            return TagMarking(table.dictionary, table.id)
+            check_tag_id(table.dictionary, table.id, "its tag")
+            return TagMarking(canonical_dictionary(table.dictionary), table.id)
         case _Charuco():
             if table.marker >= table.square:
                 raise ValueError(
@@ -242,7 +246,7 @@ def _marking(table: _Tag | _Charuco | _Chessboard | _Plain | _Points) -> Marking
                 table.rows,
                 table.square,
                 table.marker,
-                table.dictionary,
+                canonical_dictionary(table.dictionary),
                 table.legacy,
                 table.inverted,
                 table.first_id,
@@ -335,14 +339,8 @@ def _check_reference(
 
 
 def write_config(config: RigConfig, path: Path | str) -> None:
-    """Write a rig.toml, beside its place and then renamed. Raises QuadrigError where it cannot be written."""
-    path = Path(path)
-    beside = path.with_name(path.name + ".part")
-    try:
-        beside.write_text(config_text(config), encoding="utf-8")
-        beside.replace(path)
-    except OSError as error:
-        raise QuadrigError(f"{path}: cannot be written ({error.strerror}); choose another place") from error
+    """Write a rig.toml, whole or not at all. Raises QuadrigError where it cannot be written."""
+    write_text(path, config_text(config))
 
 
 def config_text(config: RigConfig) -> str:
@@ -364,7 +362,7 @@ def _rectangle_values(rectangle: Rectangle) -> dict[str, object]:
     marking = {"kind": rectangle.marking.kind} | {
         key: value
         for key, value in msgspec.to_builtins(rectangle.marking).items()
-        if key != "kind" and value not in (False, 0)
+        if key == "id" or (key != "kind" and value not in (False, 0))
     }
     values: dict[str, object] = {"name": rectangle.name}
     if not isinstance(rectangle.marking, CharucoMarking | ChessboardMarking):

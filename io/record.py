@@ -57,7 +57,7 @@ def record(
     encoded: dict[str, str] = {}
     size = unreadable = 0
     with written_beside(output) as beside, beside.open("wb") as stream:
-        write, finish = _writer(stream, messages)
+        write, finish = image_writer(stream, messages)
         total = sum(camera.frames for camera in cameras)
         with progress_bar("record", total, "images", quiet=not progress) as advance:
             streams = [_encoded(k, camera, images, quality) for k, camera in enumerate(cameras)]
@@ -162,7 +162,7 @@ def _encode(image: Array, form: ImageFormat, quality: int) -> bytes:
 Write = Callable[[str, int, str, bytes], None]
 
 
-def _writer(stream: BinaryIO, messages: MessageFormat) -> tuple[Write, Callable[[], None]]:
+def image_writer(stream: BinaryIO, messages: MessageFormat) -> tuple[Write, Callable[[], None]]:
     """How to write one image (camera, stamp ns, format, bytes), and how to finish."""
     from mcap.writer import CompressionType
 

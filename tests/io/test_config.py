@@ -88,6 +88,8 @@ WRONG = {
     "endless height": ("height = 0.21\n", "height = inf\n", ["line 7", "desk", "inf"]),
     "no height": ("height = 0.21\n", "", ["desk", "height"]),
     "unknown kind": ('"charuco"', '"charuca"', ["line 14", "charuca", "chessboard"]),
+    "unknown dictionary": ("apriltag_36h11", "apriltag_36h12", ["line 8", "desk", "apriltag_36h12"]),
+    "a tag that is not": ("id = 7", "id = 999", ["line 8", "desk", "999"]),
     "no kind": ('kind = "charuco", ', "", ["line 14", "kind"]),
     "half a square": ("columns = 4", "columns = 4.5", ["line 14", "columns", "whole"]),
     "tag as large as its square": ("marker = 0.04", "marker = 0.06", ["line 14", "marker"]),

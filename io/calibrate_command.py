@@ -1,0 +1,86 @@
+"""`rig calibrate`: a recording and a rig.toml in, a rig.mcap and a table out."""
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from quadrig.rig.calibrate import calibrate as calibrate_views
+from quadrig.rig.result import Rig
+from quadrig.single.errors import QuadrigError
+
+from .calibrate_recording import Effort, Searched, refuse_missing, search_recording
+from .config import RigConfig, read_config
+from .rig_file import read_rig, write_rig
+
+
+def calibrate(
+    recording: Annotated[list[Path], typer.Argument(help="MCAP files, videos or folders.", metavar="RECORDING...")],
+    config: Annotated[Path, typer.Option("--config", "-c", help="What stands in the room.")] = Path("rig.toml"),
+    output: Annotated[Path, typer.Option("--output", "-o", help="The rig to write.")] = Path("rig.mcap"),
+    only: Annotated[
+        list[str] | None, typer.Option(help="Solve this camera anew, the others stay as --from has them; repeatable.")
+    ] = None,
+    before: Annotated[Path | None, typer.Option("--from", help="The rig.mcap from before a camera moved.")] = None,
+    allow_missing: Annotated[
+        bool, typer.Option("--allow-missing", help="Leave out cameras that share no rectangle with the others.")
+    ] = False,
+    tolerance: Annotated[float | None, typer.Option(help="Most that stamps of one instant differ, seconds.")] = None,
+    share: Annotated[
+        float, typer.Option(min=0.0, max=1.0, help="Search only this share of the framesets, the best ones.")
+    ] = 1.0,
+    cache: Annotated[
+        Path | None, typer.Option(help="An MCAP that keeps what was found, so that a second run is quick.")
+    ] = None,
+    workers: Annotated[int | None, typer.Option(min=1, help="Worker processes; else one a processor.")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="The result as JSON, for programs.")] = False,
+) -> None:
+    """Calibrate the cameras of a recording.
+
+    Finds the rectangles of rig.toml in every image, solves lenses and poses together, says how sure each is, and
+    writes rig.mcap.
+
+    Example: rig calibrate room.mcap --config rig.toml -o rig.mcap
+
+    One camera was moved: rig calibrate new.mcap --only cam2 --from rig.mcap -o rig2.mcap
+    """
+    described = read_config(config)
+    if bool(only) != (before is not None):
+        raise QuadrigError("--only and --from belong together: give the camera that moved and the rig from before")
+    earlier = read_rig(before) if before is not None else None
+    effort = Effort(tolerance, share, workers, cache)
+    searched = search_recording(recording, described, effort)
+    for note in searched.notes:
+        print(f"note: {note}", file=sys.stderr)
+    rig = _solve(searched, described, only or [], earlier)
+    if not allow_missing:
+        refuse_missing(rig)
+    write_rig(output, rig, described.text, searched.times)
+    _show(rig, output, as_json)
+
+
+def _solve(searched: Searched, config: RigConfig, only: list[str], earlier: Rig | None) -> Rig:
+    if earlier is None:
+        return calibrate_views(searched.cameras, config.rectangles, searched.views, config.reference)
+    from quadrig.rig.recalibrate import recalibrate
+
+    rig = recalibrate(earlier, only, searched.cameras, config.rectangles, searched.views)
+    # A camera of the earlier rig that this recording does not hold stays as it was: nothing is missing.
+    held = {camera.name for camera in earlier.cameras}
+    return replace(rig, missing={name: why for name, why in rig.missing.items() if name not in held})
+
+
+def _show(rig: Rig, output: Path, as_json: bool) -> None:
+    if as_json:
+        import json
+
+        from .rig_json import rig_values
+
+        print(json.dumps(rig_values(rig), indent=2))
+        return
+    from .result_table import print_rig
+
+    print_rig(rig)
+    print(f"\n{output}: look at it with `rig inspect {output}`", file=sys.stderr)
