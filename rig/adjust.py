@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from quadrig.single.pose import compose_jacobians
 from quadrig.single.rotation import Array
 
 from .elimination import Reduced, eliminate, node_steps, solve_cameras
@@ -16,6 +15,7 @@ from .normal_equations import (
     Linearised,
     Normal,
     State,
+    chain_derivatives,
     layout,
     linearise,
     normal_equations,
@@ -26,6 +26,8 @@ from .slack import Softened, slack_steps, soften
 # A step that is expected to lower chi-square by less than this moves every parameter by less than a thousandth
 # of its own sigma: nothing that a result prints can change.
 CONVERGED = 1e-6
+# Clocks are known to a second beforehand (1/s^2): this holds their common offset, which nothing else does.
+_CLOCK_INFORMATION = 1.0
 _FIRST_DAMPING = 1e-5
 # Past this damping a step is shorter than rounding; the state is at a minimum, or cannot be left.
 _LAST_DAMPING = 1e8
@@ -52,9 +54,12 @@ class Freedom:
         """Indices of the lens parameters that any camera estimates."""
         return np.flatnonzero(self.lens.any(axis=0))
 
-    def unknowns(self, columns: Array) -> Array:
-        """(C, K + 6) bool: which unknowns of the reduced system are estimated."""
-        return np.concatenate([self.lens[:, columns], np.repeat(self.pose[:, None], 6, axis=1)], axis=1)
+    def unknowns(self, columns: Array, state: State) -> Array:
+        """(C, M) bool: which unknowns of the reduced system are estimated at a state."""
+        parts = [self.lens[:, columns], np.repeat(self.pose[:, None], 6, axis=1)]
+        if state.motion is not None and state.offsets is not None:
+            parts.append(state.motion.tells[:, None])
+        return np.concatenate(parts, axis=1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,7 +152,7 @@ def _expand(problem: _Adjusted, state: State, known: tuple[Linearised, float] | 
 def _better(problem: _Adjusted, here: _Expansion, damping: float) -> tuple[_Expansion, float, float] | None:
     """The next state of lower cost, the fall that was expected, and the next damping; None at a minimum."""
     freedom, normal = problem.freedom, here.normal
-    unknowns = freedom.unknowns(problem.columns)
+    unknowns = freedom.unknowns(problem.columns, here.state)
     while damping < _LAST_DAMPING:
         try:
             reduced = eliminate(normal, problem.tables, unknowns, freedom.node, damping)
@@ -170,23 +175,25 @@ def _better(problem: _Adjusted, here: _Expansion, damping: float) -> tuple[_Expa
 
 def _stepped(problem: _Adjusted, here: _Expansion, steps: Array, poses: Array) -> State:
     state, count = here.state, len(problem.columns)
-    lens = state.lens.copy()
-    lens[:, problem.columns] += steps[:, :count]
+    lens = np.zeros_like(state.lens)
+    lens[:, problem.columns] = steps[:, :count]
     slack = state.slack
     if here.softened is not None and slack is not None:
-        chained = view_steps(problem.observations, state, steps, poses)
+        chained = view_steps(problem.observations, state, steps, poses, count)
         slack = slack + slack_steps(here.softened, chained)
-    return State(lens, state.camera_from_rig.retract(steps[:, count:]), state.rig_from_rect.retract(poses), slack)
+    offsets = None if state.offsets is None else state.offsets + steps[:, count + 6 :].sum(axis=1)
+    return replace(state.moved(lens, steps[:, count : count + 6], poses), slack=slack, offsets=offsets)
 
 
-def view_steps(observations: Observations, state: State, steps: Array, poses: Array) -> Array:
-    """Steps (V, K + 6) of lens and chained camera_from_rect, of steps of the cameras (C, K + 6) and nodes (N, 6)."""
-    by_camera, by_node = compose_jacobians(
-        state.camera_from_rig[observations.camera], state.rig_from_rect[observations.node]
-    )
-    own, count = steps[observations.camera], steps.shape[1] - 6
-    chained = by_camera @ own[:, count:, None] + by_node @ poses[observations.node][..., None]
-    return np.concatenate([own[:, :count], chained[..., 0]], axis=1)
+def view_steps(observations: Observations, state: State, steps: Array, poses: Array, lens: int) -> Array:
+    """Steps (V, K + 6) of lens and chained camera_from_rect, of steps of the cameras (C, M) and nodes (N, 6).
+
+    lens: K, how many of a camera's unknowns are the lens's.
+    """
+    by_camera, by_node = chain_derivatives(observations, state)
+    own = steps[observations.camera]
+    chained = by_camera @ own[:, lens:, None] + by_node @ poses[observations.node][..., None]
+    return np.concatenate([own[:, :lens], chained[..., 0]], axis=1)
 
 
 def _prior_cost(state: State, freedom: Freedom) -> float:
@@ -194,6 +201,8 @@ def _prior_cost(state: State, freedom: Freedom) -> float:
     if freedom.slack_information is not None and state.slack is not None:
         held = np.where(np.isfinite(freedom.slack_information), freedom.slack_information, 0.0)
         cost += float((held * state.slack**2).sum())
+    if state.offsets is not None:
+        cost += float((state.offsets**2).sum()) * _CLOCK_INFORMATION
     return cost
 
 
@@ -204,10 +213,13 @@ def with_prior(normal: Normal, state: State, freedom: Freedom, columns: Array) -
     place = np.arange(len(columns))
     cameras[:, place, place] += information
     gradient[:, place] += information * (freedom.prior_mean - state.lens)[:, columns]
+    if state.offsets is not None and state.motion is not None:
+        cameras[:, -1, -1] += _CLOCK_INFORMATION
+        gradient[:, -1] -= _CLOCK_INFORMATION * state.offsets
     return replace(normal, cameras=cameras, camera_gradient=gradient)
 
 
 def undamped(adjustment: Adjustment, freedom: Freedom) -> Reduced:
     """The reduced system at the end of an adjustment, for covariances and tests."""
-    unknowns = freedom.unknowns(adjustment.columns)
+    unknowns = freedom.unknowns(adjustment.columns, adjustment.state)
     return eliminate(adjustment.normal, adjustment.layout, unknowns, freedom.node)

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 
 from quadrig.single.lens import LENS_PARAMETERS, Intrinsics, project
-from quadrig.single.pose import inverse_jacobian
-from quadrig.single.rotation import Array
+from quadrig.single.pose import Pose
+from quadrig.single.rotation import Array, cross_matrix
 
 from .inputs import CameraInput
 from .joint import Joint
@@ -22,6 +22,7 @@ _UNKNOWN_FOCAL = 0.2
 def cameras_of(problem: Problem, joint: Joint) -> tuple[Camera, ...]:
     """The cameras, with lens and pose but without the figures that need the Views' fits."""
     rig_from_camera = joint.adjustment.state.camera_from_rig.inverse()
+    offsets = _clock_offsets(joint)
     cameras = []
     for row, given in enumerate(problem.cameras):
         lens = joint.adjustment.state.lens[row]
@@ -33,13 +34,31 @@ def cameras_of(problem: Problem, joint: Joint) -> tuple[Camera, ...]:
                 rig_from_camera[row],
                 free,
                 joint.choices.reasons[row],
+                clock_offset=float(offsets[row]),
             )
         )
     return tuple(cameras)
 
 
+def _clock_offsets(joint: Joint) -> Array:
+    """Offsets (C,) s about their mean, zero for cameras whose clock nothing tells."""
+    state = joint.adjustment.state
+    if state.motion is None or state.offsets is None:
+        return np.zeros(len(state.lens))
+    tells = state.motion.tells
+    return np.where(tells, state.offsets - state.offsets[tells].mean(), 0.0) if tells.any() else np.zeros(len(tells))
+
+
 def _template(given: CameraInput) -> Intrinsics:
     return given.intrinsics or Intrinsics.centred(given.width, given.height, 1.0)
+
+
+def step_by_camera_twist(rig_from_camera: Pose) -> Array:
+    """Derivative (..., 6, 6) of the step of rig_from_camera by the twist of camera_from_rig @ exp(twist)."""
+    result = np.zeros((*rig_from_camera.translation.shape[:-1], 6, 6))
+    result[..., :3, :3] = result[..., 3:, 3:] = -np.eye(3)
+    result[..., 3:, :3] = cross_matrix(rig_from_camera.translation)
+    return result
 
 
 def camera_covariance(joint: Joint) -> Array:
@@ -48,10 +67,10 @@ def camera_covariance(joint: Joint) -> Array:
     columns = joint.adjustment.columns
     place = np.concatenate([columns, np.arange(LENS, CAMERA_PARAMETERS)])
     spread = np.zeros((cameras, CAMERA_PARAMETERS, cameras, size))
-    jacobian = inverse_jacobian(joint.adjustment.state.camera_from_rig)
+    jacobian = step_by_camera_twist(joint.adjustment.state.camera_from_rig.inverse())
     block = np.zeros((cameras, CAMERA_PARAMETERS, size))
     block[:, place[: len(columns)], np.arange(len(columns))] = 1.0
-    block[:, LENS:, len(columns) :] = jacobian
+    block[:, LENS:, len(columns) : len(columns) + 6] = jacobian
     joint_blocks = joint.covariance.reshape(cameras, size, cameras, size)
     spread = np.einsum("iab,ibjc->iajc", block, joint_blocks, optimize=True)
     result = np.einsum("iajc,jdc->iajd", spread, block, optimize=True)
@@ -72,7 +91,9 @@ def node_covariances(joint: Joint) -> Array:
     np.add.at(result, tables.pair_node[left], term)
     off = left != right
     np.add.at(result, tables.pair_node[left][off], np.swapaxes(term[off], -1, -2))
-    return result
+    step_by_twist = np.tile(np.eye(6), (len(result), 1, 1))
+    step_by_twist[:, 3:, :3] = -cross_matrix(joint.adjustment.state.rig_from_rect.translation)
+    return step_by_twist @ result @ np.swapaxes(step_by_twist, -1, -2)
 
 
 def rectangles_of(problem: Problem, joint: Joint) -> tuple[PlacedRectangle, ...]:

@@ -14,7 +14,7 @@ from .assemble import camera_covariance, cameras_of, edges_of, fits_of, rectangl
 from .connectivity import missing_cameras, refuse
 from .graph import FirstRig, components, first_rig
 from .inputs import CameraInput
-from .joint import Joint, solve_jointly
+from .joint import Contradicted, Joint, solve_jointly
 from .left_out import left_out_squares
 from .problem import Problem, build_problem
 from .result import Rig
@@ -37,6 +37,24 @@ def calibrate(
     """
     whole = build_problem(cameras, rectangles, views)
     kept = _largest(whole, reference)
+    try:
+        return _solve(whole, kept, cameras, reference)
+    except Contradicted as found:
+        agreeing = [camera for camera in cameras if camera.name not in found.names]
+        if len(agreeing) < 2:
+            raise QuadrigError(
+                f"the Views of {' and '.join(found.names)} contradict the other cameras throughout; "
+                "check that the cameras ran at the same time and the rectangles' sizes are right"
+            ) from None
+        seen = [view for view in views if view.camera not in found.names]
+        rig = calibrate(agreeing, rectangles, seen, reference if reference not in found.names else None)
+        said = (
+            "every View of it contradicts the other cameras; check its clock, and that its pictures are of this rig"
+        )
+        return replace(rig, missing={**rig.missing, **{name: f"{name}: {said}" for name in found.names}})
+
+
+def _solve(whole: Problem, kept: list[int], cameras: Sequence[CameraInput], reference: str | None) -> Rig:
     missing = missing_cameras(whole, kept)
     problem = _of_cameras(whole, kept)
     name = _reference(problem, cameras, reference)

@@ -7,6 +7,7 @@ import numpy as np
 from quadrig.single.rotation import Array
 
 from .adjust import Adjustment, Freedom, adjust, undamped
+from .clock import motion
 from .elimination import Reduced, reduced_inverse
 from .graph import FirstRig
 from .lens_choice import LensChoices, choose_lenses, starting_lenses
@@ -25,11 +26,25 @@ _SAME_NOISE = 0.3
 # The joint fit may leave this much more than the cameras each by themselves did before the Views of moving rectangles
 # are taken to be out of step: chance and first lenses leave a tenth or so.
 _OUT_OF_STEP = 1.5
+# Nor does a camera lose this share of its Views to chance or to single faults.
+_OUTVOTED = 0.3
 # Slack that learning starts from, rad and m: wide, since it converges from above in few rounds.
 _FIRST_SLACK = 0.02
-_SLACK_ROUNDS = 6
+_SLACK_ROUNDS = 15
+# A width that changes by less than this (log) is learned.
+_SAME_WIDTH = 0.1
+# Clocks explain everything when no more noise is left than this much of what the cameras by themselves have.
+_EXPLAINED = 1.1
 # Rounds of throwing out and taking back corners: the second rarely changes anything.
 _ROUNDS = 3
+
+
+class Contradicted(Exception):  # noqa: N818 - an answer for the caller, not an error
+    """Cameras, by name, all of whose Views the others contradict: the rest can be solved without them."""
+
+    def __init__(self, names: list[str]) -> None:
+        super().__init__(", ".join(names))
+        self.names = names
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +52,7 @@ class Joint:
     """The end of the joint adjustment.
 
     observations carry the final weights; judged says what was thrown out. covariance (C M, C M) over the columns of
-    the adjustment and the steps of camera_from_rig. predicted: the state whose rectangle poses fit the pictures best
+    the adjustment and the twists of camera_from_rig. predicted: the state whose rectangle poses fit the pictures best
     with no View straying: what the rig says of them, and what residuals are told against.
     """
 
@@ -62,11 +77,14 @@ def solve_jointly(
     tables = layout(observations)
     freedom = _freedom(problem, observations, standing, fixed_node)
     found, noise = _robust(observations, begin, first, freedom, tables)
-    if noise > _OUT_OF_STEP * begin.noise:
-        noise = begin.noise
-        found, freedom = _loosened(problem, observations, found, freedom, noise)
-    costs = found.costs
     judged = _judge(observations, found, freedom, noise)
+    if noise > _OUT_OF_STEP * begin.noise or _outvoted(observations, judged).any():
+        noise = begin.noise
+        start_again = replace(found, state=State(begin.lens, first.camera_from_rig, first.rig_from_node))
+        found, freedom = _loosened(problem, observations, start_again, freedom, noise)
+        judged = _judge(observations, found, freedom, noise)
+    costs = found.costs
+    _refuse_contradicted(problem, observations, judged)
     used = observations.with_weights(judged.weights)
     choices = choose_lenses(problem, used, found.state, freedom, noise)
     state = replace(
@@ -88,36 +106,91 @@ def solve_jointly(
     reduced = undamped(adjustment, freedom)
     predicted = _without_slack(used, adjustment.state, freedom, noise)
     return Joint(
-        adjustment, used, freedom, judged, noise, reduced_inverse(reduced), reduced, choices, costs, predicted
+        adjustment,
+        used,
+        freedom,
+        judged,
+        noise,
+        reduced_inverse(reduced),
+        reduced,
+        choices,
+        costs,
+        predicted,
     )
+
+
+def _outvoted(observations: Observations, judged: Judged) -> Array:
+    """Cameras (C,) bool that lost a large part of their Views: sound by themselves, at odds with the others."""
+    lost = np.bincount(observations.camera, judged.rejected, observations.cameras)
+    return lost > _OUTVOTED * np.bincount(observations.camera, minlength=observations.cameras)
+
+
+def _refuse_contradicted(problem: Problem, observations: Observations, judged: Judged) -> None:
+    kept = np.bincount(observations.camera, ~judged.rejected, observations.cameras)
+    if (kept == 0).any():
+        raise Contradicted([problem.cameras[i].name for i in np.flatnonzero(kept == 0)])
 
 
 def _loosened(
     problem: Problem, observations: Observations, found: Adjustment, freedom: Freedom, noise: float
 ) -> tuple[Adjustment, Freedom]:
-    """The fit with slack for the Views of moving rectangles, and the freedom with its width, learned."""
+    """The fit with slack for the Views of moving rectangles and the offsets of the cameras' clocks, and the
+    freedom with the width of the slack, learned."""
     moving = np.array([problem.rectangles[view.rectangle].moving for view in problem.views])
     if not moving.any():
         return found, freedom
     information = np.full((len(moving), 6), np.inf)
     information[moving] = 1 / _FIRST_SLACK**2
     freedom = replace(freedom, slack_information=information)
+    state = found.state
     for _ in range(_SLACK_ROUNDS):
-        found = adjust(observations, found.state, freedom, noise, robust=True, most_steps=3, tables=found.layout)
+        found = adjust(observations, state, freedom, noise, True, 3, found.layout, _ROUGH)
         assert found.softened is not None
         assert found.state.slack is not None
-        information = learned_information(found.state.slack, found.softened, information)
+        last, information = information, learned_information(found.state.slack, found.softened, information)
         freedom = replace(freedom, slack_information=information)
-    return found, freedom
+        state = _with_motion(problem, found.state)
+        if np.abs(np.log(np.median(information[moving] / last[moving], axis=0))).max() < _SAME_WIDTH:
+            break
+    found = adjust(observations, state, freedom, noise, True, 6, found.layout, _ROUGH)
+    return _without_need(observations, found, freedom, noise)
+
+
+def _with_motion(problem: Problem, state: State) -> State:
+    """The state with the motion of rectangles that its poses show, where frames are close enough to show any."""
+    moved = motion(problem, state.rig_from_rect)
+    if moved is None:
+        return state
+    offsets = np.zeros(len(state.lens)) if state.offsets is None else state.offsets
+    return replace(state, motion=moved, offsets=offsets)
+
+
+def _without_need(
+    observations: Observations, found: Adjustment, freedom: Freedom, noise: float
+) -> tuple[Adjustment, Freedom]:
+    """The fit without slack where the clocks alone explain what the cameras disagreed on; else as it is."""
+    if found.state.motion is None:
+        return found, freedom
+    firm = replace(freedom, slack_information=None)
+    tried = adjust(observations, replace(found.state, slack=None), firm, noise, True, 12, found.layout, _ROUGH)
+    enough = robust_noise(observations, tried.linearised.squares) < _EXPLAINED * noise
+    return (tried, firm) if enough else (found, freedom)
 
 
 def _without_slack(used: Observations, state: State, freedom: Freedom, noise: float) -> State:
-    """The cameras as they are, rectangle poses by least squares of the residuals alone."""
+    """The cameras and clocks as they are, rectangle poses by least squares of the residuals alone."""
     if state.slack is None:
         return state
     still = np.zeros(used.cameras, bool)
     fixed = replace(freedom, lens=np.zeros_like(freedom.lens), pose=still, slack_information=None)
-    return adjust(used, replace(state, slack=None), fixed, noise).state
+    return _with_still_clocks(used, replace(state, slack=None), fixed, noise)
+
+
+def _with_still_clocks(used: Observations, state: State, freedom: Freedom, noise: float) -> State:
+    if state.motion is None:
+        return adjust(used, state, freedom, noise).state
+    still = replace(state.motion, tells=np.zeros(used.cameras, bool))
+    return replace(adjust(used, replace(state, motion=still), freedom, noise).state, motion=state.motion)
 
 
 def _judge(observations: Observations, found: Adjustment, freedom: Freedom, noise: float) -> Judged:

@@ -5,6 +5,8 @@ out is a subtraction: one Newton step gives the cameras without it, and the fold
 them. Equal to a fit without the fold to second order (shown by a test against real refits).
 """
 
+from dataclasses import replace
+
 import numpy as np
 
 from quadrig.single.rotation import Array
@@ -63,7 +65,11 @@ def _squares_of(joint: Joint, gram: Array, out: Array) -> Array:
     weighing = adjustment.linearised.gram if adjustment.softened is None else adjustment.softened.gram
     kept = normal_equations(observations, tables, state, np.where(out[:, None, None], 0.0, weighing))
     training = with_prior(kept, state, freedom, adjustment.columns)
-    unknowns = freedom.unknowns(adjustment.columns)
+    if not freedom.node[observations.node[out]].all():
+        # The rectangle that held the rig frame is left out itself: a camera holds the frame in its stead.
+        held = np.arange(len(freedom.pose)) != 0
+        freedom = replace(freedom, pose=freedom.pose & held, node=np.ones_like(freedom.node))
+    unknowns = freedom.unknowns(adjustment.columns, state)
     try:
         steps = solve_cameras(eliminate(training, tables, unknowns, freedom.node))
     except np.linalg.LinAlgError:
@@ -71,6 +77,6 @@ def _squares_of(joint: Joint, gram: Array, out: Array) -> Array:
     predicted = joint.predicted
     left = normal_equations(observations, tables, predicted, np.where(out[:, None, None], gram, 0.0))
     poses = node_steps(left, tables, eliminate(left, tables, unknowns, freedom.node), steps)
-    step = view_steps(observations, predicted, steps, poses)
+    step = view_steps(observations, predicted, steps, poses, len(adjustment.columns))
     step = np.concatenate([step, -np.ones((len(step), 1))], axis=1)
     return np.einsum("vi,vij,vj->v", step, gram, step, optimize=True)

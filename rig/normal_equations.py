@@ -6,14 +6,15 @@ camera_from_rig @ rig_from_rect then spreads it over the two poses. Each View to
 their part of the normal matrix is 6x6 blocks, eliminated in one batch (Schur complement).
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from quadrig.single.lens import LENS_PARAMETERS, fill_projection_rows
-from quadrig.single.pose import Pose, compose_jacobians
-from quadrig.single.rotation import Array
+from quadrig.single.pose import Pose
+from quadrig.single.rotation import Array, cross_matrix
 
+from .clock import Motion
 from .observations import ObservationGroup, Observations
 
 LENS = len(LENS_PARAMETERS)
@@ -30,16 +31,36 @@ class State:
     """What is estimated: lenses (C, 9), camera_from_rig a batch (C,), rig_from_rect a batch (N,) over the nodes.
 
     slack (V, 6): the step by which each View strays from the chain, where cameras are out of step; None for none.
+    motion and offsets (C,) s: how moving rectangles move between framesets, and by how much each camera's clock is
+    off; None where clocks are taken to agree.
     """
 
     lens: Array
     camera_from_rig: Pose
     rig_from_rect: Pose
     slack: Array | None = None
+    motion: Motion | None = None
+    offsets: Array | None = None
+
+    def moved(self, lens: Array, cameras: Array, nodes: Array) -> "State":
+        """After steps of the lenses (C, 9) and twists in the rig frame of cameras (C, 6) and nodes (N, 6)."""
+        return replace(
+            self,
+            lens=self.lens + lens,
+            camera_from_rig=self.camera_from_rig @ Pose.from_twist(cameras),
+            rig_from_rect=Pose.from_twist(nodes) @ self.rig_from_rect,
+        )
+
+    def rig_from_seen(self, observations: Observations) -> Pose:
+        """Where each View's rectangle stood when the View was taken: a batch (V,)."""
+        pose = self.rig_from_rect[observations.node]
+        if self.motion is None or self.offsets is None:
+            return pose
+        return pose.retract(self.motion.step(self.offsets[observations.camera]))
 
     def camera_from_rect(self, observations: Observations) -> Pose:
         """Eq. 50 for every View, with its slack: a batch (V,)."""
-        chained = self.camera_from_rig[observations.camera] @ self.rig_from_rect[observations.node]
+        chained = self.camera_from_rig[observations.camera] @ self.rig_from_seen(observations)
         return chained if self.slack is None else chained.retract(self.slack)
 
 
@@ -202,7 +223,8 @@ def _meetings(pair_node: Array) -> tuple[Array, Array]:
 class Normal:
     """The normal equations by blocks: cameras (C, M, M), nodes (N, 6, 6), pairs (Q, M, 6) between them.
 
-    M = K + 6: the lens columns, then the step of camera_from_rig. Gradients point down the cost.
+    M = K + 6: the lens columns, then the camera's twist in the rig frame; one more, the offset, where clocks are
+    estimated. Gradients point down the cost.
     """
 
     cameras: Array
@@ -212,13 +234,31 @@ class Normal:
     pairs: Array
 
 
+def chain_derivatives(observations: Observations, state: State) -> tuple[Array, Array]:
+    """Derivatives of the step of camera_from_rect: by its camera's twist, and clock where one is estimated,
+    (V, 6, 6 or 7), and by its node's twist (V, 6, 6).
+
+    Cameras and rectangles are moved by twists in the rig frame: camera_from_rig @ exp(twist), exp(twist) @
+    rig_from_rect. A cluster of both that turns about a far point so follows its arc, and the twist of a camera is worth
+    the same as that of the rectangles it sees.
+    """
+    turn = state.camera_from_rig.rotation[observations.camera]
+    place = state.rig_from_seen(observations).translation
+    by_twist = np.zeros((len(place), 6, 6))
+    by_twist[:, :3, :3] = by_twist[:, 3:, 3:] = turn
+    by_twist[:, 3:, :3] = -turn @ cross_matrix(place)
+    if state.motion is None or state.offsets is None:
+        return by_twist, by_twist
+    slope = state.motion.slope(state.offsets[observations.camera])
+    turned = np.concatenate([(turn @ slope[:, :3, None])[..., 0], (turn @ slope[:, 3:, None])[..., 0]], axis=1)
+    return np.concatenate([by_twist, turned[..., None]], axis=-1), by_twist
+
+
 def normal_equations(observations: Observations, layout: Layout, state: State, gram: Array) -> Normal:
     """Spread the Gram matrices over camera and rectangle poses by the chain of Eq. 50."""
     lens = gram.shape[-1] - 7
-    left = state.camera_from_rig[observations.camera]
-    right = state.rig_from_rect[observations.node]
-    by_camera, by_node = compose_jacobians(left, right)
-    size = lens + 6
+    by_camera, by_node = chain_derivatives(observations, state)
+    size = lens + by_camera.shape[-1]
     spread = np.zeros((len(gram), size, size + 7))
     spread[:, :lens, :lens] = gram[:, :lens, :lens]
     cross = gram[:, :lens, lens : lens + 6]

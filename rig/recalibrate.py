@@ -7,13 +7,13 @@ import numpy as np
 
 from quadrig.single.errors import QuadrigError
 from quadrig.single.lens import LENS_PARAMETERS
-from quadrig.single.pose import Pose, inverse_jacobian
+from quadrig.single.pose import Pose
 from quadrig.single.rectangle import Rectangle
 from quadrig.single.rotation import Array
 from quadrig.single.view import View
 
-from .adjust import Freedom, adjust, undamped
-from .assemble import camera_covariance
+from .adjust import adjust, undamped
+from .assemble import camera_covariance, step_by_camera_twist
 from .calibrate import assemble_rig
 from .elimination import dense_matrix
 from .graph import FirstRig, components, first_rig
@@ -110,12 +110,14 @@ def _passed_on(problem: Problem, joint: Joint, rig: Rig, standing: Array) -> Arr
     for row in np.flatnonzero(standing):
         known = rig.camera(problem.cameras[row].name).free_lens
         free[row] = [name in known for name in LENS_PARAMETERS]
-    opened = replace(joint.freedom, lens=free, pose=np.ones(len(standing), bool))
-    found = adjust(joint.observations, joint.adjustment.state, opened, joint.noise, most_steps=0)
+    opened = replace(joint.freedom, lens=free, pose=np.ones(len(standing), bool), slack_information=None)
+    # The clocks stay where they were found: their doubt is not a rig's.
+    state = replace(joint.adjustment.state, motion=None, offsets=None, slack=None)
+    found = adjust(joint.observations, state, opened, joint.noise, most_steps=0)
     matrix, columns = dense_matrix(undamped(found, opened)), found.columns
     size = len(columns) + 6
-    is_new = np.repeat(~standing, size) & _unknown(joint.freedom, columns)
-    is_old = np.repeat(standing, size) & opened.unknowns(columns).ravel()
+    is_new = np.repeat(~standing, size) & joint.freedom.unknowns(columns, state).ravel()
+    is_old = np.repeat(standing, size) & opened.unknowns(columns, state).ravel()
     new, old = np.flatnonzero(is_new), np.flatnonzero(is_old)
     gain = -np.linalg.solve(matrix[np.ix_(new, new)], matrix[np.ix_(new, old)])
     known = _as_solved(problem, rig, standing, columns)[np.ix_(old, old)]
@@ -127,19 +129,15 @@ def _passed_on(problem: Problem, joint: Joint, rig: Rig, standing: Array) -> Arr
     return camera_covariance(replace(joint, adjustment=found, reduced=undamped(found, opened), covariance=total))
 
 
-def _unknown(freedom: Freedom, columns: Array) -> Array:
-    return freedom.unknowns(columns).ravel()
-
-
 def _as_solved(problem: Problem, rig: Rig, standing: Array, columns: Array) -> Array:
-    """The old rig's covariance over lens columns and steps of camera_from_rig, zero for the moved cameras."""
+    """The old rig's covariance over lens columns and twists of camera_from_rig, zero for the moved cameras."""
     size = len(columns) + 6
     spread = np.zeros((len(standing) * size, len(rig.covariance)))
     for row in np.flatnonzero(standing):
         name = problem.cameras[row].name
         start_old, start_new = rig.camera_index(name) * CAMERA_PARAMETERS, row * size
         spread[start_new + np.arange(len(columns)), start_old + columns] = 1.0
-        jacobian = inverse_jacobian(rig.camera(name).rig_from_camera)
+        jacobian = np.linalg.inv(step_by_camera_twist(rig.camera(name).rig_from_camera))
         spread[start_new + len(columns) : start_new + size, start_old + LENS : start_old + CAMERA_PARAMETERS] = (
             jacobian
         )

@@ -20,7 +20,8 @@ class Camera:
 
     free_lens: the lens parameters that were estimated (the others kept their given or neutral values);
     lens_reason: why that lens, in words. rms: px, over the used points of the fit; views: how many Views it used.
-    observable_focal: False where no View could tell the focal from distance.
+    observable_focal: False where no View could tell the focal from distance. clock_offset: s, by how much later than
+    the mean of the cameras it takes its pictures for one and the same stamp; zero where nothing tells.
     """
 
     name: str
@@ -32,6 +33,7 @@ class Camera:
     left_out_rms: float = float("nan")
     views: int = 0
     observable_focal: bool = True
+    clock_offset: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)

@@ -73,7 +73,7 @@ def learned_information(slack: Array, softened: Softened, information: Array) ->
 
 
 def strays(slack: Array, information: Array) -> Array:
-    """Views (V,) bool whose slack is far beyond the width that the Views together have."""
+    """Views (V,) bool whose slack slack is far beyond the width that the Views together have."""
     loose = np.isfinite(information).all(axis=1)
     if not loose.any():
         return np.zeros(len(slack), bool)

@@ -12,6 +12,9 @@ from .rotation import (
     vector_from_rotation,
 )
 
+# Below this squared angle (rad^2) two terms of the series are exact to the last bit, and the closed form is not.
+_SMALL_TWIST = 1e-8
+
 
 @dataclass(frozen=True, eq=False)
 class Pose:
@@ -33,6 +36,20 @@ class Pose:
     def from_vectors(rotation_vector: Array, translation: Array) -> "Pose":
         """Pose of a rotation vector (radians) and a translation, each (..., 3)."""
         return Pose(rotation_from_vector(rotation_vector), np.asarray(translation, float))
+
+    @staticmethod
+    def from_twist(twist: Array) -> "Pose":
+        """Exponential of a twist (..., 6) = (rotation vector, velocity): the screw motion it leads to."""
+        twist = np.asarray(twist, float)
+        vector, velocity = twist[..., :3], twist[..., 3:]
+        square = (vector**2).sum(axis=-1)[..., None, None]
+        small = square < _SMALL_TWIST
+        angle = np.sqrt(np.where(small, 1.0, square))
+        versine = np.where(small, 0.5 - square / 24, (1 - np.cos(angle)) / angle**2)
+        rest = np.where(small, 1 / 6 - square / 120, (angle - np.sin(angle)) / angle**3)
+        cross = cross_matrix(vector)
+        along = np.eye(3) + versine * cross + rest * (cross @ cross)
+        return Pose(rotation_from_vector(vector), (along @ velocity[..., None])[..., 0])
 
     @staticmethod
     def from_matrix(matrix: Array) -> "Pose":

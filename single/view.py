@@ -13,6 +13,7 @@ class View:
     alternatives: other readings of the same pixels, each (P, 3): where the marking looks the same after a turn
     (a chessboard turned by 180 degrees, a blank sheet) the pixels stay and the points change places.
     frameset: index of the instant; sigma: standard deviation of a pixel coordinate, px, as far as known beforehand.
+    time: when the image was taken by its camera's clock, s; nan where unknown.
     """
 
     rectangle: str
@@ -22,6 +23,7 @@ class View:
     frameset: int = 0
     alternatives: tuple[Array, ...] = ()
     sigma: float = 1.0
+    time: float = float("nan")
 
     @property
     def readings(self) -> tuple[Array, ...]:

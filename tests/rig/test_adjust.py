@@ -34,14 +34,10 @@ def true_state(made, problem):
     return State(made.lenses[order], made.world_from_camera.inverse()[np.array(order)], nodes)
 
 
-def moved(state, lens, cameras, nodes):
-    return State(state.lens + lens, state.camera_from_rig.retract(cameras), state.rig_from_rect.retract(nodes))
-
-
 def shaken(state, rng, size=1e-3):
     cameras, nodes = len(state.lens), len(state.rig_from_rect.translation)
     lens = rng.normal(size=(cameras, 9)) * [5, 2, 2, 0.01, 0.005, 1e-3, 1e-3, 0.002, 1e-3]
-    return moved(state, lens, size * rng.normal(size=(cameras, 6)), size * rng.normal(size=(nodes, 6)))
+    return state.moved(lens, size * rng.normal(size=(cameras, 6)), size * rng.normal(size=(nodes, 6)))
 
 
 @pytest.fixture(scope="module", params=["pinhole", "fisheye"])
@@ -64,7 +60,7 @@ def test_gradients_are_those_of_differences(small, robust):
     normal = normal_equations(observations, layout(observations), state, gram)
 
     def cost(lens, cameras, nodes):
-        return linearise(observations, moved(state, lens, cameras, nodes), EVERY_LENS, 0.4, robust).cost
+        return linearise(observations, state.moved(lens, cameras, nodes), EVERY_LENS, 0.4, robust).cost
 
     for _ in range(6):
         lens = rng.normal(size=state.lens.shape) * [1, 1, 1, 1e-3, 1e-3, 1e-3, 1e-3, 1e-3, 1e-3]
@@ -93,7 +89,7 @@ def test_the_quadratic_model_is_the_cost_nearby(small):
     every = np.concatenate([step.ravel(), nodes.ravel()])
     expected = here - 2 * gradient @ every + every @ matrix @ every
     # What the model leaves out is residual times curvature: a per cent of the quadratic part, where noise is 0.3 px.
-    found = linearise(observations, moved(truth, lens, cameras, nodes), EVERY_LENS, 1.0, False).cost
+    found = linearise(observations, truth.moved(lens, cameras, nodes), EVERY_LENS, 1.0, False).cost
     assert found - here == pytest.approx(expected - here, abs=0.02 * (every @ matrix @ every))
 
 

@@ -1,0 +1,89 @@
+"""Clocks that do not agree: where a moving rectangle was when a camera really took its picture.
+
+Between framesets the motion is interpolated through the rectangle's poses before, at and after. A View taken at
+another instant than its frameset's sees the rectangle displaced along that motion, by the lag of its stamp, which is
+known, and by the offset of its camera's clock, which the joint adjustment estimates like any other parameter.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from quadrig.single.pose import Pose
+from quadrig.single.rotation import Array
+
+from .problem import Problem
+
+# Framesets further apart than this (s) say little of the motion between them: a hand turns around in half a second.
+_LONGEST_GAP = 0.25
+# The offset of a camera is told by Views of at least this many framesets in motion.
+_FEWEST_VIEWS = 6
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """How the rectangle of each View moves: tau seconds after its frameset it stands at the step
+    tau * rate + tau^2 * bend, (V, 6) in the rig frame, from its node's pose.
+
+    lag (V,) s: by how much later than its frameset the View was stamped; rate and bend are zero where not known.
+    tells (C,) bool: cameras whose offset the motion can tell.
+    """
+
+    rate: Array
+    bend: Array
+    lag: Array
+    tells: Array
+
+    def step(self, offset: Array) -> Array:
+        """Steps (V, 6) from the nodes' poses for the clock offsets (V,) s of the Views' cameras."""
+        tau = (self.lag + offset)[:, None]
+        return tau * self.rate + tau**2 * self.bend
+
+    def slope(self, offset: Array) -> Array:
+        """Derivative (V, 6) of the step by the offset."""
+        return self.rate + 2 * (self.lag + offset)[:, None] * self.bend
+
+
+def motion(problem: Problem, rig_from_node: Pose) -> Motion | None:
+    """The motion of every View's rectangle, from the poses of its neighbours in time; None where none is known."""
+    time = np.array([view.time for view in problem.views])
+    stamped = np.isfinite(time)
+    count = np.bincount(problem.node, stamped, len(problem.nodes))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        total = np.bincount(problem.node, np.where(stamped, time, 0.0), len(problem.nodes))
+        node_time = np.where(count > 0, total / count, np.nan)
+    rows = _neighbours(problem, node_time)
+    if not len(rows):
+        return None
+    before, node, after = rows.T
+    here = rig_from_node[node]
+    back, forth = (node_time[before] - node_time[node])[:, None], (node_time[after] - node_time[node])[:, None]
+    step_back, step_forth = here.step_to(rig_from_node[before]), here.step_to(rig_from_node[after])
+    rate, bend = np.zeros((len(problem.nodes), 6)), np.zeros((len(problem.nodes), 6))
+    # The parabola through both neighbours and the pose itself.
+    bend[node] = (step_forth / forth - step_back / back) / (forth - back)
+    rate[node] = step_forth / forth - bend[node] * forth
+    known = np.isin(problem.node, node) & stamped
+    seen = np.bincount(problem.camera[known], minlength=len(problem.cameras))
+    return Motion(
+        np.where(known[:, None], rate[problem.node], 0.0),
+        np.where(known[:, None], bend[problem.node], 0.0),
+        np.where(known, time - node_time[problem.node], 0.0),
+        seen >= _FEWEST_VIEWS,
+    )
+
+
+def _neighbours(problem: Problem, node_time: Array) -> Array:
+    """Nodes (R, 3) of one moving rectangle, three in a row, near in time."""
+    by_rectangle: dict[str, list[int]] = {}
+    for index, node in enumerate(problem.nodes):
+        if node.frameset >= 0 and np.isfinite(node_time[index]):
+            by_rectangle.setdefault(node.rectangle, []).append(index)
+    rows = []
+    for nodes in by_rectangle.values():
+        ordered = sorted(nodes, key=lambda n: node_time[n])
+        for before, node, after in zip(ordered, ordered[1:], ordered[2:], strict=False):
+            gaps = node_time[node] - node_time[before], node_time[after] - node_time[node]
+            if min(gaps) > 0 and max(gaps) < _LONGEST_GAP:
+                rows.append((before, node, after))
+    return np.array(rows, int).reshape(-1, 3)
