@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from .corners import Reason, check_shape, reasons_of_areas
+from .corners import Reason, check_centre, check_shape, reasons_of_areas
 from .errors import QuadrigError
 from .pose import Pose
 from .quadrilateral import Quadrilateral, Row, inverse_square_focal, pose_at, quadrilateral
@@ -49,15 +49,15 @@ def closed_form(
 
     corners (..., 4, 2) pixels in the order of Eq. 4, that is bottom right, bottom left, top left, top right of
     the upright sheet; width, height (...) metres; principal_point (..., 2) pixels. focal: where it is known (...) px:
-    the pose is for it. sigma: standard deviation of a pixel coordinate, px; it decides what is FOCAL_UNKNOWABLE
+    the pose is for it, and focal_sigma 0. sigma: standard deviation of a pixel coordinate, px; it decides what is FOCAL_UNKNOWABLE
     (focal sigma above half the focal) and scales focal_sigma, and does not change the estimate. photographed: False
     accepts corners behind the camera too, as a formal projection puts them in the image.
     Raises QuadrigError for arrays of the wrong shape; bad members come back nan with their reason.
     """
-    corners = check_shape(corners)
+    corners, centre = check_shape(corners), check_centre(principal_point, sigma)
     batch = corners.shape[:-2]
     rows = [_row(width, batch, "width"), _row(height, batch, "height")]
-    rows += [_row(np.asarray(principal_point, float)[..., axis], batch, "principal_point") for axis in (0, 1)]
+    rows += [_row(centre[..., axis], batch, "principal_point") for axis in (0, 1)]
     known = None if focal is None else _row(focal, batch, "focal")
     flat = corners.reshape(-1, 8)
     count = len(flat)
@@ -110,7 +110,7 @@ def _solve(corners: Array, given: list[Row], sigma: float, photographed: bool, a
     answer.focal[part], answer.sigma[part] = focal, relative * focal
     if len(given) == 5:
         focal = given[4]
-        answer.focal[part] = focal
+        answer.focal[part], answer.sigma[part] = focal, 0.0
     columns, translation = pose_at(quad, focal)
     for k in range(9):
         answer.rotation[part, k % 3, k // 3] = columns[k]

@@ -61,6 +61,16 @@ def check_shape(corners: Array) -> Array:
     return corners
 
 
+def check_centre(principal_point: Array, sigma: float) -> Array:
+    """The principal point as floats (..., 2). Raises QuadrigError where it or the noise is none."""
+    centre = np.asarray(principal_point, float)
+    if centre.ndim < 1 or centre.shape[-1] != 2:
+        raise QuadrigError(f"the principal point has the shape {centre.shape}; give its u and v in pixels, (..., 2)")
+    if not sigma > 0:
+        raise QuadrigError(f"the noise sigma is {sigma} px; give a standard deviation above zero")
+    return centre
+
+
 def triangle_areas(corners: Array) -> Array:
     """Twice the signed areas (4, ...) of the triangles that leave out P1, P2, P3, P4. Corners come as (4, 2, ...).
 

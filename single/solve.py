@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .closed_form import ClosedForm, closed_form
-from .corners import Reason, check_shape
+from .corners import Reason, check_centre, check_shape
 from .errors import QuadrigError
 from .homography import homographies
 from .pinhole_fit import PinholeFit, fit_pinhole
@@ -93,7 +93,7 @@ def solve_rectangles(
     focal: where known (...) px; sigma: standard deviation of a pixel coordinate.
     Raises QuadrigError for arrays of the wrong shape; bad members come back nan with their reason.
     """
-    corners = check_shape(corners)
+    corners, centre = check_shape(corners), check_centre(principal_point, sigma)
     batch = corners.shape[:-2]
     members = int(np.prod(batch))
     size = np.stack(np.broadcast_arrays(np.asarray(width, float), np.asarray(height, float)), axis=-1)
@@ -103,7 +103,7 @@ def solve_rectangles(
         corners=corners.reshape(members, 4, 2),
         size=_flat(size, batch, 1),
         middle=np.zeros((1, 2)),
-        centre=_flat(principal_point, batch, 1),
+        centre=_flat(centre, batch, 1),
         focal=None if focal is None else _flat(focal, batch, 0),
         sigma=sigma,
         centre_sigma=principal_point_sigma,
@@ -128,6 +128,7 @@ def solve_points(
     Raises QuadrigError for arrays of the wrong shape; bad members come back nan with their reason.
     """
     points, pixels = np.asarray(points, float)[..., :2], np.asarray(pixels, float)
+    centre = check_centre(principal_point, sigma)
     if pixels.ndim < 2 or pixels.shape[-1] != 2 or points.shape[-2:] != pixels.shape[-2:] or pixels.shape[-2] < 4:
         raise QuadrigError(
             f"points have the shape {points.shape} and pixels {pixels.shape}; give as many of each, four or more"
@@ -143,7 +144,7 @@ def solve_points(
         corners=corners,
         size=size,
         middle=middle,
-        centre=_flat(principal_point, batch, 1),
+        centre=_flat(centre, batch, 1),
         focal=None if focal is None else _flat(focal, batch, 0),
         sigma=sigma,
         centre_sigma=principal_point_sigma,

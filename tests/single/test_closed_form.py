@@ -235,3 +235,12 @@ def test_any_leading_shape():
 
 def test_an_empty_batch_is_an_empty_answer():
     assert closed_form(np.zeros((0, 4, 2)), 0.3, 0.2, [0.0, 0.0]).focal.shape == (0,)
+
+
+def test_a_principal_point_or_a_noise_that_is_none_is_named():
+    with pytest.raises(QuadrigError, match="principal point"):
+        closed_form(QUAD, 0.3, 0.2, [1.0, 2.0, 3.0])
+    with pytest.raises(QuadrigError, match="principal point"):
+        closed_form(QUAD, 0.3, 0.2, 5.0)
+    with pytest.raises(QuadrigError, match="sigma"):
+        closed_form(QUAD, 0.3, 0.2, [160.0, 120.0], sigma=0.0)
