@@ -11,14 +11,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from quadrig.single.pose import Pose
-from quadrig.single.rotation import Array, cross_matrix, nearest_rotation
+from quadrig.single.rotation import Array, nearest_rotation
 
+from .averaging import average
 from .problem import Problem
 from .start import Candidates
 
 if TYPE_CHECKING:
     import networkx
-    import scipy.sparse
 
 # What a first lens leaves wrong in a pose, beside its noise: radians, and a share of the distance. Lenses are good
 # to about this much after the cameras were calibrated each by itself.
@@ -26,10 +26,6 @@ _LENS_ANGLE = 0.01
 _LENS_SHARE = 0.01
 # Candidates further apart than this many of their common sigmas do not support one another.
 _AGREES = 4.0
-# Keeps the reference camera's own block invertible (1/rad^2, 1/m^2): far below what any relative pose tells.
-_HELD = 1e-9
-# Where Cauchy's weight begins to fall, in sigmas of a relative pose, round by round.
-_AVERAGE_ROUNDS = (1000.0, 100.0, 30.0, 10.0, 5.0, 5.0)
 # Shared rectangle poses that vote for two cameras: the most certain ones. More would not change who wins.
 _MOST_VOTERS = 64
 
@@ -93,7 +89,7 @@ def first_rig(problem: Problem, candidates: Candidates, reference: int) -> First
     """Poses of all that is connected to the reference camera, in its frame."""
     relatives = _relatives(problem, candidates)
     camera_from_rig, connected = _chain(len(problem.cameras), relatives, reference)
-    camera_from_rig = _averaged(camera_from_rig, relatives, reference)
+    camera_from_rig = average(camera_from_rig, relatives, reference)
     rig_from_node, choice, agrees = _place_nodes(problem, candidates, camera_from_rig, connected)
     reading = candidates.reading[choice]
     return FirstRig(camera_from_rig, connected, rig_from_node, reading, agrees, tuple(relatives))
@@ -234,53 +230,6 @@ def _chain(cameras: int, relatives: list[Relative], reference: int) -> tuple[Pos
         pose = camera_from_before @ Pose(rotation[before], translation[before])
         rotation[camera], translation[camera] = pose.rotation, pose.translation
     return Pose(rotation, translation), connected
-
-
-def _averaged(camera_from_rig: Pose, relatives: list[Relative], reference: int) -> Pose:
-    """Poses that agree best with all relative poses at once, not with the paths alone: loops close.
-
-    Gauss-Newton over twists in the rig frame with Cauchy's weights, tightened step by step (graduated
-    non-convexity), so that the error that a long path piles up is shared out before single faults are cut off.
-    """
-    cameras = len(camera_from_rig.translation)
-    if len(relatives) < cameras:
-        return camera_from_rig
-    from scipy.sparse import diags_array, eye_array
-    from scipy.sparse.linalg import spsolve
-
-    left, right = np.array([r.left for r in relatives]), np.array([r.right for r in relatives])
-    measured = Pose(
-        np.stack([r.left_from_right.rotation for r in relatives]),
-        np.stack([r.left_from_right.translation for r in relatives]),
-    )
-    scale = np.array([r.support / max(r.voters, 1) / r.sigma for r in relatives])
-    size, rows = 6 * cameras, np.arange(len(relatives))
-    held = diags_array(np.repeat(np.arange(cameras) != reference, 6).astype(float))
-    for tightness in _AVERAGE_ROUNDS:
-        rig_from_right = camera_from_rig[right].inverse()
-        gap = (camera_from_rig[left] @ rig_from_right).step_to(measured)
-        distance = np.linalg.norm(gap, axis=-1) * scale
-        weight = scale / np.sqrt(1 + (distance / tightness) ** 2)
-        turn = camera_from_rig.rotation[left]
-        block = np.zeros((len(relatives), 6, 6))
-        block[:, :3, :3] = block[:, 3:, 3:] = turn
-        block[:, 3:, :3] = -turn @ cross_matrix(rig_from_right.translation)
-        block *= weight[:, None, None]
-        pattern = np.concatenate([rows, rows]), np.concatenate([left, right])
-        jacobian = _block_matrix(np.concatenate([block, -block]), pattern, (6 * len(relatives), size)) @ held
-        normal = jacobian.T @ jacobian + _HELD * eye_array(size)
-        step = spsolve(normal.tocsc(), jacobian.T @ (gap * weight[:, None]).ravel()).reshape(cameras, 6)
-        camera_from_rig = camera_from_rig @ Pose.from_twist(step)
-    return camera_from_rig
-
-
-def _block_matrix(blocks: Array, place: tuple[Array, Array], shape: tuple[int, int]) -> "scipy.sparse.csr_array":
-    """Sparse matrix of 6x6 blocks (B, 6, 6) at block rows and columns (B,)."""
-    from scipy.sparse import coo_array
-
-    row, column = (6 * axis[:, None, None] for axis in place)
-    row, column = np.broadcast_arrays(row + np.arange(6)[:, None], column + np.arange(6))
-    return coo_array((blocks.ravel(), (row.ravel(), column.ravel())), shape=shape).tocsr()
 
 
 def _place_nodes(

@@ -239,8 +239,8 @@ def chain_derivatives(observations: Observations, state: State) -> tuple[Array, 
     (V, 6, 6 or 7), and by its node's twist (V, 6, 6).
 
     Cameras and rectangles are moved by twists in the rig frame: camera_from_rig @ exp(twist), exp(twist) @
-    rig_from_rect. A cluster of both that turns about a far point so follows its arc, and the twist of a camera is worth
-    the same as that of the rectangles it sees.
+    rig_from_rect. A cluster of both that turns about a far point so follows its arc, and the twist of a camera is
+    worth the same as that of the rectangles it sees.
     """
     turn = state.camera_from_rig.rotation[observations.camera]
     place = state.rig_from_seen(observations).translation

@@ -37,7 +37,10 @@ def triangulation_covariance(cameras: Sequence[Camera], covariance: Array, point
     sees = np.stack([visible(camera, points) for camera in cameras])
     derivatives = triangulation_derivatives(cameras, points, sees)
     possible = np.isfinite(derivatives).all(axis=(1, 2))
-    points, derivatives = points[possible], derivatives[possible].reshape(3 * int(possible.sum()), -1)
+    points, derivatives = (
+        points[possible],
+        derivatives[possible].reshape(3 * int(possible.sum()), derivatives.shape[-1]),
+    )
     shape = derivatives - rigid_part(points, derivatives)
     return points, shape @ covariance @ shape.T
 

@@ -211,7 +211,7 @@ def test_where_it_ends_every_direction_leads_up(small, with_slack):
             stray[3:] = 2e-5 * rng.normal(size=(views - 3, 6))
 
         def at(sign, lens=lens, cameras=cameras, nodes=nodes, stray=stray):
-            there = moved(state, sign * lens, sign * cameras, sign * nodes)
+            there = state.moved(sign * lens, sign * cameras, sign * nodes)
             if with_slack:
                 there = State(there.lens, there.camera_from_rig, there.rig_from_rect, state.slack + sign * stray)
             return whole_cost(observations, there, freedom, 0.3) - here
@@ -229,8 +229,7 @@ def test_a_start_far_away_ends_at_the_same_minimum(small):
     near = adjust(observations, truth, freedom, 0.3)
     held = np.concatenate([np.zeros((1, 6)), np.ones((len(truth.lens) - 1, 6))])
     rng = np.random.default_rng(6)
-    start = moved(
-        truth,
+    start = truth.moved(
         np.array([0.03, 0, 0, 0, 0, 0, 0, 0, 0]) * truth.lens[:, :1],
         0.05 * rng.normal(size=held.shape) * held,
         0.05 * rng.normal(size=(observations.nodes, 6)),
