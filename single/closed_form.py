@@ -49,9 +49,9 @@ def closed_form(
 
     corners (..., 4, 2) pixels in the order of Eq. 4, that is bottom right, bottom left, top left, top right of
     the upright sheet; width, height (...) metres; principal_point (..., 2) pixels. focal: where it is known (...) px:
-    the pose is for it, and focal_sigma 0. sigma: standard deviation of a pixel coordinate, px; it decides what is FOCAL_UNKNOWABLE
-    (focal sigma above half the focal) and scales focal_sigma, and does not change the estimate. photographed: False
-    accepts corners behind the camera too, as a formal projection puts them in the image.
+    the pose is for it, and focal_sigma 0. sigma: standard deviation of a pixel coordinate, px; it decides what is
+    FOCAL_UNKNOWABLE (focal sigma above half the focal) and scales focal_sigma, and does not change the estimate.
+    photographed: False accepts corners behind the camera too, as a formal projection puts them in the image.
     Raises QuadrigError for arrays of the wrong shape; bad members come back nan with their reason.
     """
     corners, centre = check_shape(corners), check_centre(principal_point, sigma)

@@ -54,20 +54,32 @@ def quadrilateral(u: Sequence[Row], v: Sequence[Row], per_width: Row, per_height
     """
     a = [u[1] - u[0], u[2] - u[1], u[3] - u[2], u[0] - u[3]]
     b = [v[1] - v[0], v[2] - v[1], v[3] - v[2], v[0] - v[3]]
-    triangles = [a[k - 1] * b[k] - b[k - 1] * a[k] for k in range(4)]
+    triangles = [_cross(a[k - 1], b[k - 1], a[k], b[k]) for k in range(4)]
     depth = triangles[2]
-    slope_x, slope_y = b[0] * a[2] - a[0] * b[2], a[3] * b[1] - b[3] * a[1]
-    x = (
-        (slope_x * u[1] - depth * a[0]) * per_width,
-        (slope_x * v[1] - depth * b[0]) * per_width,
-        slope_x * per_width,
-    )
-    y = (
-        (slope_y * u[3] + depth * a[3]) * per_height,
-        (slope_y * v[3] + depth * b[3]) * per_height,
-        slope_y * per_height,
-    )
+    slope_x, slope_y = _cross(a[2], b[2], a[0], b[0]), _cross(a[3], b[3], a[1], b[1])
+    x = [slope_x * u[1], slope_x * v[1], slope_x]
+    x[0] -= depth * a[0]
+    x[1] -= depth * b[0]
+    y = [slope_y * u[3], slope_y * v[3], slope_y]
+    y[0] += depth * a[3]
+    y[1] += depth * b[3]
+    for k in range(3):
+        x[k] *= per_width
+        y[k] *= per_height
     return Quadrilateral(u, v, a, b, triangles, x, y)
+
+
+def _cross(u1: Row, v1: Row, u2: Row, v2: Row) -> Row:
+    area = u1 * v2
+    area -= v1 * u2
+    return area
+
+
+def _dot(a: Sequence[Row], b: Sequence[Row]) -> Row:
+    product = a[0] * b[0]
+    product += a[1] * b[1]
+    product += a[2] * b[2]
+    return product
 
 
 def inverse_square_focal(quad: Quadrilateral, per_width: Row, per_height: Row) -> tuple[Row, Row]:
@@ -99,28 +111,47 @@ def _constraint_covariance(quad: Quadrilateral, g: Row, w: Row, h: Row) -> tuple
     for P1 and P3; for P2 and P4 the same with a and b exchanged, times -i.
     """
     (x1, y1, z1), (x2, y2, z2) = quad.x, quad.y
-    x1, y1, x2, y2 = g * x1, g * y1, g * x2, g * y2
-    real = [x1 * u + y1 * v + z1 for u, v in zip(quad.u, quad.v, strict=True)]
-    imag = [x2 * u + y2 * v + z2 for u, v in zip(quad.u, quad.v, strict=True)]
+    real = _plane(quad, g * x1, g * y1, z1)
+    imag = _plane(quad, g * x2, g * y2, z2)
     side = (w, h, w, h)
-    slope_r = [side[k] * (real[(k + 1) % 4] - real[k]) for k in range(4)]
-    slope_i = [side[k] * (imag[(k + 1) % 4] - imag[k]) for k in range(4)]
-    sums = [(0.0, 0.0, 0.0), (0.0, 0.0, 0.0)]
+    slope_r, slope_i = _slopes(real, side), _slopes(imag, side)
+    sums: list[list[Row]] = [[0.0, 0.0, 0.0], [0.0, 0.0, 0.0]]
     for o in range(4):
         own, other = side[o], side[o - 1]
         a_real, b_real = slope_i[o - 1] - own * real[o], slope_r[o] + other * imag[o]
         a_imag, b_imag = slope_r[o - 1] + own * imag[o], other * real[o] - slope_i[o]
-        out_u, out_v, in_u, in_v = quad.edge_u[o], quad.edge_v[o], quad.edge_u[o - 1], quad.edge_v[o - 1]
-        real_u, real_v = a_real * out_u + b_real * in_u, a_real * out_v + b_real * in_v
-        imag_u, imag_v = a_imag * out_u + b_imag * in_u, a_imag * out_v + b_imag * in_v
-        rr, ii, ri = sums[o % 2]
-        sums[o % 2] = (
-            rr + (real_u * real_u + real_v * real_v),
-            ii + (imag_u * imag_u + imag_v * imag_v),
-            ri + (real_u * imag_u + real_v * imag_v),
-        )
+        part = sums[o % 2]
+        for out, into in ((quad.edge_u[o], quad.edge_u[o - 1]), (quad.edge_v[o], quad.edge_v[o - 1])):
+            moved_r, moved_i = a_real * out, a_imag * out
+            moved_r += b_real * into
+            moved_i += b_imag * into
+            part[2] = part[2] + moved_r * moved_i
+            moved_r *= moved_r
+            moved_i *= moved_i
+            part[0], part[1] = part[0] + moved_r, part[1] + moved_i
     (rr, ii, ri), (turned_ii, turned_rr, turned_ri) = sums
     return rr + turned_rr, ii + turned_ii, turned_ri - ri
+
+
+def _plane(quad: Quadrilateral, x: Row, y: Row, z: Row) -> list[Row]:
+    """x u + y v + z at the four corners."""
+    values = []
+    for u, v in zip(quad.u, quad.v, strict=True):
+        value = x * u
+        value += y * v
+        value += z
+        values.append(value)
+    return values
+
+
+def _slopes(values: list[Row], side: Sequence[Row]) -> list[Row]:
+    """Differences of the values along the four sides, each over its length."""
+    slopes = []
+    for k in range(4):
+        slope = values[(k + 1) % 4] - values[k]
+        slope *= side[k]
+        slopes.append(slope)
+    return slopes
 
 
 def pose_at(quad: Quadrilateral, focal: Row) -> tuple[list[Row], list[Row]]:
@@ -129,26 +160,33 @@ def pose_at(quad: Quadrilateral, focal: Row) -> tuple[list[Row], list[Row]]:
     The two side directions are made orthonormal alike: sum and difference of unit vectors are at right angles.
     """
     inverse = 1 / focal
-    (x0, x1, x2), (y0, y1, y2) = quad.x, quad.y
-    x0, x1, y0, y1 = x0 * inverse, x1 * inverse, y0 * inverse, y1 * inverse
-    norm_x, norm_y = (x0 * x0 + x1 * x1 + x2 * x2) ** 0.5, (y0 * y0 + y1 * y1 + y2 * y2) ** 0.5
+    x = [quad.x[0] * inverse, quad.x[1] * inverse, quad.x[2]]
+    y = [quad.y[0] * inverse, quad.y[1] * inverse, quad.y[2]]
+    norm_x, norm_y = _dot(x, x) ** 0.5, _dot(y, y) ** 0.5
     over_x, over_y = 1 / norm_x, 1 / norm_y
-    x0, x1, x2 = x0 * over_x, x1 * over_x, x2 * over_x
-    y0, y1, y2 = y0 * over_y, y1 * over_y, y2 * over_y
-    # |x + y|^2 = 2 + 2 x.y and |x - y|^2 = 2 - 2 x.y; halved lengths of both make x and y again, at right angles.
-    product = x0 * y0 + x1 * y1 + x2 * y2
+    # For unit vectors |x + y|^2 = 2 + 2 x.y and |x - y|^2 = 2 - 2 x.y; sum and difference are at right angles, and
+    # half their unit vectors' sum and difference are x and y made orthonormal.
+    product = _dot(x, y)
+    product *= over_x
+    product *= over_y
     half_sum, half_difference = 0.5 / (1 + product) ** 0.5, 0.5 / (1 - product) ** 0.5
     near, far = half_sum + half_difference, half_sum - half_difference
-    a0, a1, a2 = near * x0 + far * y0, near * x1 + far * y1, near * x2 + far * y2
-    b0, b1, b2 = far * x0 + near * y0, far * x1 + near * y1, far * x2 + near * y2
-    columns = [a0, a1, a2, b0, b1, b2, a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0]
+    near_x, far_x, near_y, far_y = near * over_x, far * over_x, near * over_y, far * over_y
+    first, second = [near_x * value for value in x], [far_x * value for value in x]
+    for k in range(3):
+        first[k] += far_y * y[k]
+        second[k] += near_y * y[k]
+    (a0, a1, a2), (b0, b1, b2) = first, second
+    columns = [*first, *second, _cross(a1, a2, b1, b2), _cross(a2, a0, b2, b0), _cross(a0, a1, b0, b1)]
     # The middle is that of either diagonal: P1 and P3, whose depths are the triangles at P3 and P1.
-    scale = 1 / (norm_x + norm_y)
+    norm_x += norm_y
+    scale = 1 / norm_x
     depth1, depth3 = quad.triangles[2], quad.triangles[0]
-    flat = scale * inverse
-    translation = [
-        (depth1 * quad.u[0] + depth3 * quad.u[2]) * flat,
-        (depth1 * quad.v[0] + depth3 * quad.v[2]) * flat,
-        (depth1 + depth3) * scale,
-    ]
+    translation = [depth1 * quad.u[0], depth1 * quad.v[0], depth1 + depth3]
+    translation[0] += depth3 * quad.u[2]
+    translation[1] += depth3 * quad.v[2]
+    translation[2] *= scale
+    scale *= inverse
+    translation[0] *= scale
+    translation[1] *= scale
     return columns, translation

@@ -71,3 +71,14 @@ def test_the_microsoft_data(tables, shared_data, capsys):
     assert len(errors) == 5
     all_points = [float(words[-4]) for words in errors]
     assert max(all_points) < 1.5
+
+
+def test_the_script_runs_and_says_what_it_leaves_out(tables, monkeypatch, capsys, tmp_path):
+    monkeypatch.setattr(sys, "argv", [str(SCRIPT), "--runs", "2", "--zhang", str(tmp_path)])
+    monkeypatch.setattr(tables, "rendered", lambda truth: (truth, truth))
+    tables.main()
+    said = capsys.readouterr().out
+    assert said.count("Table 2") == 12
+    assert "Table 3" in said
+    assert "Table 4" in said
+    assert "Tables 5 and 6 are left out" in said
