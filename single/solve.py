@@ -20,6 +20,8 @@ NORMAL_95 = 1.959964
 _FEWEST_POINTS = 4
 # A chi2 this many of its own standard deviations above its mean is not what noise does: another optimum may be lower.
 _SURPRISE = 5.0
+# Sums of squares nearer than this are one optimum, found twice.
+_SAME_CHI2 = 1e-5
 # Focals, as shares of the picture's half width, to start from where the corners alone give none: from a wide lens
 # to a long one.
 _FOCAL_LADDER = (1.0, 3.0, 10.0)
@@ -275,24 +277,34 @@ def _with_other_starts(task: _Task, fit: PinholeFit, usable: NDArray[np.bool_]) 
     doubtful = np.flatnonzero(usable & ~(fit.converged & (fit.chi2 < surprising)))
     if not len(doubtful):
         return fit
+    focals, poses = [], []
     part = task.members(doubtful)
-    ladder = _FOCAL_LADDER if task.focal is None else (0.0,)
-    for rung in ladder:
-        focal = np.broadcast_to(part.reach * rung, len(doubtful)) if part.focal is None else part.focal
-        focal = np.broadcast_to(focal, len(doubtful))
+    for rung in _FOCAL_LADDER if part.focal is None else (1.0,):
+        focal = np.broadcast_to(part.reach * rung if part.focal is None else part.focal, len(doubtful))
         pose = part.start(focal).cam_from_rect
-        for candidate in (pose, mirrored(pose)):
-            _take_better(fit, part.fit(focal, candidate), doubtful)
+        focals += [focal, focal]
+        poses += [pose, mirrored(pose)]
+    # All candidates in one batch: a search of few members costs as much as one of many.
+    tried = task.members(np.tile(doubtful, len(poses)))
+    if tried.focal is not None:
+        tried = replace(tried, focal=np.concatenate(focals))
+    start = Pose(
+        np.concatenate([pose.rotation for pose in poses]), np.concatenate([pose.translation for pose in poses])
+    )
+    other = tried.fit(np.concatenate(focals), start)
+    for k in range(len(poses)):
+        _take_better(fit, other, slice(k * len(doubtful), (k + 1) * len(doubtful)), doubtful)
     return fit
 
 
-def _take_better(fit: PinholeFit, other: PinholeFit, index: NDArray[np.intp]) -> None:
-    """Put the members of `other` that have a smaller chi2 into `fit` at the index."""
+def _take_better(fit: PinholeFit, other: PinholeFit, part: slice, index: NDArray[np.intp]) -> None:
+    """Put those of the members `part` of `other` that have a smaller chi2 into `fit` at the index."""
+    chi2, converged = other.chi2[part], other.converged[part]
     # By more than the convergence leaves open, so that equal answers stay as they are.
-    better = np.isfinite(other.chi2) & ~(fit.chi2[index] <= other.chi2 + 1e-6)
-    better |= ~fit.converged[index] & other.converged & (other.chi2 <= fit.chi2[index] + 1e-6)
+    better = np.isfinite(chi2) & ~(fit.chi2[index] <= chi2 + _SAME_CHI2)
+    better |= ~fit.converged[index] & converged & (chi2 <= fit.chi2[index] + _SAME_CHI2)
     to = index[better]
     for name in ("focal", "principal_point", "covariance", "chi2", "steps", "converged"):
-        getattr(fit, name)[to] = getattr(other, name)[better]
-    fit.cam_from_rect.rotation[to] = other.cam_from_rect.rotation[better]
-    fit.cam_from_rect.translation[to] = other.cam_from_rect.translation[better]
+        getattr(fit, name)[to] = getattr(other, name)[part][better]
+    fit.cam_from_rect.rotation[to] = other.cam_from_rect.rotation[part][better]
+    fit.cam_from_rect.translation[to] = other.cam_from_rect.translation[part][better]
