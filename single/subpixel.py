@@ -22,6 +22,7 @@ _ITERATIONS = 12
 _PIXEL_IS_SMALL = 0.8
 # Gauss-Newton ends when no place moved by more than this (px): a tenth of what the best picture can tell.
 _SETTLED = 1e-3
+_BLUR_SETTLED = 0.05
 # Grey levels: white that may have been cut off, and ink that at a good exposure is darker even in a gamma curve.
 # Where both are passed, an unknown part of the step is missing, and its middle with it.
 _CLIPPED, _LIGHT_INK = 252.0, 90.0
@@ -177,12 +178,17 @@ def _edge_iterations(u, offset, grey, weight, length, reach, start_bow) -> EdgeF
         parameters[active] = now + step
         parameters[:, 7] = np.clip(parameters[:, 7], np.log(_SHARPEST), np.log(_SOFTEST))
         noise[active] = level
-        active = active[~(np.max(np.abs(step[:, 4:7]), axis=1) < _SETTLED)]
+        active = active[~_settled(step[:, 4:7], step[:, 7])]
         if not len(active):
             break
     covariance = inverse[:, 4:7, 4:7] * (noise**2)[:, None, None]
     dark, contrast = parameters[:, 0].copy(), parameters[:, 2].copy()
     return EdgeFit(parameters[:, 4:7].copy(), covariance, noise, contrast, np.exp(parameters[:, 7]), dark)
+
+
+def _settled(places: Array, log_blur: Array) -> Array:
+    """Which fits have come to rest, in place and, roughly, in blur: their noise is judged later."""
+    return (np.max(np.abs(places), axis=1) < _SETTLED) & (np.abs(log_blur) < _BLUR_SETTLED)
 
 
 def _mean(values: Array, weight: Array) -> Array:
@@ -327,7 +333,7 @@ def _corner_iterations(pixels, axes, places, grey, weight) -> CornerFit:
         parameters[active] = now + step
         parameters[:, 4] = np.clip(parameters[:, 4], np.log(_SHARPEST), np.log(_SOFTEST))
         noise[active] = level
-        active = active[~(np.max(np.abs(step[:, :2]), axis=1) < _SETTLED)]
+        active = active[~_settled(step[:, :2], step[:, 4])]
         if not len(active):
             break
     sigma = noise * np.sqrt(np.maximum(inverse[:, 0, 0] + inverse[:, 1, 1], 0) / 2)
