@@ -70,10 +70,10 @@ def looking(position: Array, direction: Array, up: Array = _UP) -> Pose:
 def _cameras() -> tuple[SceneCamera, ...]:
     # focal, principal point's offset, k1, k2; azimuth (degrees) around the table, distance and height (m).
     table = [
-        (780.0, (6.0, -4.0), -0.18, 0.040, -64.0, 2.5, 1.95),
-        (860.0, (-8.0, 5.0), -0.12, 0.020, -23.0, 2.3, 1.70),
-        (940.0, (4.0, 9.0), -0.22, 0.050, 20.0, 2.6, 2.15),
-        (700.0, (-5.0, -7.0), -0.08, 0.010, 66.0, 2.2, 1.80),
+        (780.0, (6.0, -4.0), -0.18, 0.040, -64.0, 2.3, 2.40),
+        (860.0, (-8.0, 5.0), -0.12, 0.020, -23.0, 2.1, 2.20),
+        (940.0, (4.0, 9.0), -0.22, 0.050, 20.0, 2.4, 2.50),
+        (700.0, (-5.0, -7.0), -0.08, 0.010, 66.0, 2.0, 2.30),
     ]
     return tuple(_camera(index, *row) for index, row in enumerate(table))
 
@@ -96,9 +96,9 @@ def _camera(
 
 
 def _static_sheets() -> tuple[Sheet, ...]:
-    table = [("desk_left", -0.52, -0.18, 10.0), ("desk_middle", 0.0, 0.16, -25.0), ("desk_right", 0.50, -0.14, 35.0)]
+    table = [("desk_left", -0.60, -0.17, 10.0), ("desk_middle", 0.0, 0.20, -25.0), ("desk_right", 0.58, -0.13, 35.0)]
     sheets = [
-        _tag_sheet(name, index, 0.16, np.array([x, y, _TABLE_HEIGHT + 0.001]), -_UP, _heading(turn))
+        _tag_sheet(name, index, 0.20, np.array([x, y, _TABLE_HEIGHT + 0.001]), -_UP, _heading(turn))
         for index, (name, x, y, turn) in enumerate(table)
     ]
     walls = [
@@ -133,10 +133,10 @@ def _board_path(framesets: int) -> tuple[Pose, ...]:
     poses = []
     for t in turn:
         position = np.array(
-            [0.62 * np.sin(2.1 * t), -0.25 + 0.45 * np.cos(3.3 * t), 1.18 + 0.25 * np.sin(5.2 * t + 1)]
+            [0.85 * np.sin(2.1 * t), -0.25 + 0.55 * np.cos(3.3 * t), 1.20 + 0.38 * np.sin(5.2 * t + 1)]
         )
         facing = np.radians(48 * np.sin(1.3 * t + 0.4))
-        tilt = np.radians(18 + 20 * np.sin(4.1 * t))
+        tilt = np.radians(28 + 20 * np.sin(4.1 * t))
         direction = np.array([-np.sin(facing) * np.cos(tilt), np.cos(facing) * np.cos(tilt), -np.sin(tilt)])
         roll = np.radians(30 * np.sin(2.7 * t))
         poses.append(looking(position, direction, np.array([np.sin(roll), 0.0, np.cos(roll)])))
