@@ -50,7 +50,8 @@ def write_rig(path: Path | str, rig: Rig, config_text: str = "", times: Sequence
     from mcap.writer import CompressionType
     from mcap_protobuf.writer import Writer
 
-    times = tuple(int(time) for time in times) or _invented_times(rig)
+    known = tuple(int(time) for time in times)
+    times = known or _invented_times(rig)
     start = min(times, default=0)
     # The record repeats itself much (the same board points in each View): zstd takes it to a quarter.
     zstd = CompressionType.ZSTD
@@ -65,7 +66,7 @@ def write_rig(path: Path | str, rig: Rig, config_text: str = "", times: Sequence
             writer.write_message("/tf", transforms, time, time)
         for placed in rig.rectangles:
             writer.write_message(f"/{placed.name}/outline", _outline(placed, start), start, start)
-        _write_record(writer._writer, rig, times)
+        _write_record(writer._writer, rig, times, known)
         writer.add_attachment(0, start, CONFIG_ATTACHMENT, "application/toml", config_text.encode())
         writer.add_metadata("quadrig", {"version": _version(), "record": str(RECORD_FORMAT)})
 
@@ -119,14 +120,14 @@ def _invented_times(rig: Rig) -> tuple[int, ...]:
     return tuple(1000 * index for index in range(max(framesets, default=-1) + 1))
 
 
-def _write_record(writer: Any, rig: Rig, times: tuple[int, ...]) -> None:
+def _write_record(writer: Any, rig: Rig, times: tuple[int, ...], known: tuple[int, ...]) -> None:
     channels = {}
     for topic, name, kind in ((RIG_TOPIC, "quadrig.Rig", RigRecord), (VIEWS_TOPIC, "quadrig.View", ViewRecord)):
         schema = msgspec.json.encode(msgspec.json.schema(kind))
         schema_id = writer.register_schema(name=name, encoding="jsonschema", data=schema)
         channels[topic] = writer.register_channel(topic=topic, message_encoding="json", schema_id=schema_id)
     start = min(times, default=0)
-    writer.add_message(channels[RIG_TOPIC], start, encode_rig(rig, times), start)
+    writer.add_message(channels[RIG_TOPIC], start, encode_rig(rig, known), start)
     for sequence, fit in enumerate(rig.fits):
         time = times[fit.view.frameset] if 0 <= fit.view.frameset < len(times) else start
         writer.add_message(channels[VIEWS_TOPIC], time, encode_view(fit), time, sequence)

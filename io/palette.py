@@ -1,0 +1,40 @@
+"""Colours that mean the same in every picture we draw, readable on dark and on light grounds."""
+
+from collections.abc import Sequence
+
+from quadrig.rig.result import Rig
+
+Colour = tuple[int, int, int]
+
+# Told apart by eye and by most who see few colours (after Okabe and Ito).
+_CAMERAS: tuple[Colour, ...] = (
+    (230, 159, 0), (86, 180, 233), (0, 158, 115), (204, 121, 167), (213, 94, 0), (0, 114, 178), (170, 160, 40),
+    (150, 110, 220),
+)  # fmt: skip
+STATIC: Colour = (150, 150, 165)
+MOVING: Colour = (130, 190, 120)
+FOUND: Colour = (60, 200, 90)
+PREDICTED: Colour = (240, 120, 30)
+FAULT: Colour = (225, 45, 45)
+FINE: Colour = (120, 135, 150)
+
+
+def camera_colours(names: Sequence[str]) -> dict[str, Colour]:
+    """A colour for each camera by its place in the rig; beyond the palette's end darker rounds of it."""
+    return {name: _round(index) for index, name in enumerate(names)}
+
+
+def rig_colours(rig: Rig) -> dict[str, Colour]:
+    """A colour for each camera of a rig."""
+    return camera_colours([camera.name for camera in rig.cameras])
+
+
+def hexadecimal(colour: Colour) -> str:
+    """#rrggbb."""
+    return "#" + "".join(f"{part:02x}" for part in colour)
+
+
+def _round(index: int) -> Colour:
+    fade = 0.75 ** (index // len(_CAMERAS))
+    red, green, blue = _CAMERAS[index % len(_CAMERAS)]
+    return int(red * fade), int(green * fade), int(blue * fade)

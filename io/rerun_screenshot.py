@@ -1,0 +1,94 @@
+"""Pictures of what a rerun viewer shows, without a screen: for reports, tests and the eye."""
+
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from quadrig.single.errors import QuadrigError
+
+from .beside import written_beside
+from .rerun_live import free_port
+
+SIZE = "1600x1000"
+# A software renderer on a busy machine opens within half a minute; a graphics card in two seconds.
+_OPENING_SECONDS = 60.0
+# The viewer greets with notes in a corner, over the picture, for five seconds.
+_NOTES_SECONDS = 6.0
+_SETTLED_SECONDS = 60.0
+
+
+def take_screenshot(send: Callable[[str], None], png: Path, size: str = SIZE) -> None:
+    """A picture (.png) of what `send` logs to the gRPC address it is given, as the viewer lays it out.
+
+    Raises QuadrigError where the viewer cannot draw here.
+    """
+    from rerun.experimental import ViewerClient
+
+    port = free_port()
+    address = f"rerun+http://127.0.0.1:{port}/proxy"
+    command = [
+        *(sys.executable, "-m", "rerun", "--bind", "127.0.0.1", "--port", str(port)),
+        *("--headless", "--hide-welcome-screen", "--window-size", size),
+    ]
+    with written_beside(png) as beside:
+        viewer = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        try:
+            client = _connect(viewer, ViewerClient, address)
+            send(address)
+            _settle(client, beside)
+        finally:
+            _end(viewer)
+
+
+_CANNOT = (
+    "the rerun viewer cannot draw here; install a Vulkan driver (mesa-vulkan-drivers draws without a graphics card), "
+    "or look at the rig with --web"
+)
+
+
+def _connect(viewer: subprocess.Popen, client: Any, address: str) -> Any:
+    until = time.monotonic() + _OPENING_SECONDS
+    while time.monotonic() < until and viewer.poll() is None:
+        try:
+            connected = client.connect(address)
+            connected.get_state()
+            return connected
+        except Exception:
+            time.sleep(0.3)
+    raise QuadrigError(_CANNOT)
+
+
+def _settle(client: Any, png: Path) -> None:
+    """Take pictures until one equals the one before it."""
+    time.sleep(_NOTES_SECONDS)
+    until, before = time.monotonic() + _SETTLED_SECONDS, b""
+    while time.monotonic() < until:
+        try:
+            client.save_screenshot(str(png))
+            now = png.read_bytes()
+        except (RuntimeError, OSError):
+            # A software renderer that is still busy with large pictures does not answer in time: ask again.
+            now = b""
+        if now and now == before:
+            return
+        before = now
+        time.sleep(1.0)
+    if not before:
+        raise QuadrigError(_CANNOT)
+
+
+def _end(viewer: subprocess.Popen) -> None:
+    """End the viewer and the program that started it: `python -m rerun` waits for a child that does the work."""
+    import psutil
+
+    try:
+        family = psutil.Process(viewer.pid).children(recursive=True)
+    except psutil.NoSuchProcess:
+        family = []
+    for process in family:
+        process.terminate()
+    viewer.terminate()
+    viewer.wait()

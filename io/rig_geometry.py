@@ -1,0 +1,123 @@
+"""What drawings of a rig in space share: which way is up, how large it is, where to look from, what is in doubt."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from quadrig.rig.result import PlacedRectangle, Rig
+from quadrig.single.rotation import Array
+
+RING = [0, 1, 2, 3, 0]
+
+
+def up_direction(rig: Rig) -> Array:
+    """Up (3,) in the rig frame, as far as the cameras tell: people mount them with the sky at the top of the picture.
+
+    Cameras that look straight down say nothing; where none says anything, up is against the mean gaze.
+    """
+    up = -np.mean([camera.rig_from_camera.rotation[:, 1] for camera in rig.cameras], axis=0)
+    size = np.linalg.norm(up)
+    # A third is what is left when the cameras stand around and look down by 70 degrees.
+    if size > 1 / 3:
+        return up / size
+    gaze = np.mean([camera.rig_from_camera.rotation[:, 2] for camera in rig.cameras], axis=0)
+    size = np.linalg.norm(gaze)
+    return -gaze / size if size > 1 / 3 else np.array([0.0, -1.0, 0.0])
+
+
+def outlines(placed: PlacedRectangle) -> Array:
+    """Closed outlines (F, 5, 3) in the rig frame, F = 1 for a static rectangle."""
+    pose = placed.rig_from_rect
+    batch = pose if pose.translation.ndim == 2 else pose[None]
+    return batch[:, None].transform(placed.rectangle.corners[RING])
+
+
+def positions(rig: Rig) -> Array:
+    """Camera positions (C, 3) in the rig frame."""
+    return np.array([camera.rig_from_camera.translation for camera in rig.cameras]).reshape(-1, 3)
+
+
+def bounds(rig: Rig) -> tuple[Array, Array]:
+    """Lowest and highest coordinates (3,) of cameras and rectangles."""
+    places = [positions(rig), *(outlines(placed).reshape(-1, 3) for placed in rig.rectangles)]
+    every = np.concatenate(places)
+    every = every[np.isfinite(every).all(axis=1)]
+    return every.min(axis=0), every.max(axis=0)
+
+
+def extent(rig: Rig) -> float:
+    """Diagonal of the bounds, m; at least a centimetre, so that things have a size."""
+    low, high = bounds(rig)
+    return float(max(np.linalg.norm(high - low), 0.01))
+
+
+def ellipsoid(covariance: Array) -> tuple[Array, Array]:
+    """Half sizes (3,) of one sigma and axes (3, 3), right-handed columns, of a covariance of a position (3, 3)."""
+    variances, axes = np.linalg.eigh(covariance)
+    axes = axes * np.sign(np.linalg.det(axes))
+    return np.sqrt(np.maximum(variances, 0)), axes
+
+
+def magnification(rig: Rig) -> float:
+    """A round factor that shows the largest position ellipsoid at some 4 % of the rig's extent."""
+    largest = max((ellipsoid(rig.pose_covariance(camera.name)[3:, 3:])[0].max() for camera in rig.cameras), default=0)
+    if not largest > 0:
+        return 1.0
+    factor = 0.04 * extent(rig) / largest
+    step = 10.0 ** np.floor(np.log10(factor))
+    return float(max(step * next(digit for digit in (5, 2, 1) if digit * step <= factor), 1.0))
+
+
+def level_axes(rig: Rig) -> Array:
+    """Rows right, ahead and up (3, 3) of a level view of the rig: ahead is where the cameras look on the whole."""
+    up = up_direction(rig)
+    gaze = np.mean([camera.rig_from_camera.rotation[:, 2] for camera in rig.cameras], axis=0)
+    ahead = gaze - up * (up @ gaze)
+    if np.linalg.norm(ahead) < 1e-3:
+        ahead = np.cross(up, [1.0, 0.0, 0.0] if abs(up[0]) < 0.9 else [0.0, 0.0, 1.0])
+    ahead = ahead / np.linalg.norm(ahead)
+    return np.stack([np.cross(ahead, up), ahead, up])
+
+
+@dataclass(frozen=True, eq=False)
+class Eye:
+    """From where a rig is looked at first: position, what lies in the middle of the view, and up, each (3,)."""
+
+    position: Array
+    target: Array
+    up: Array
+
+    def look(self, points: Array) -> Array:
+        """Tangents (N, 2) to the right and up, and depths: (N, 3) of points (N, 3)."""
+        ahead = (self.target - self.position) / np.linalg.norm(self.target - self.position)
+        right = np.cross(ahead, self.up)
+        right = right / np.linalg.norm(right)
+        offset = points - self.position
+        depth = np.maximum(offset @ ahead, 1e-6)
+        return np.stack([offset @ right / depth, offset @ np.cross(right, ahead) / depth, depth], axis=-1)
+
+
+def first_eye(rig: Rig) -> Eye:
+    """From behind the cameras, to the right and above: cameras side by side stay apart."""
+    right, ahead, up = level_axes(rig)
+    low, high = bounds(rig)
+    middle, size = (low + high) / 2, extent(rig)
+    return Eye(middle - 0.62 * size * ahead + 0.25 * size * right + 0.5 * size * up, middle, up)
+
+
+# A name's width, for each letter and beyond, and height, in tangents of a view of 55 degrees and some 460 points.
+_LETTER, _MARGIN, _LINE = 0.019, 0.045, 0.06
+
+
+def apart(eye: Eye, names: Sequence[str], anchors: Array) -> Array:
+    """Places (N, 3) for names at anchors (N, 3): each stays or goes up until it is clear of those before it."""
+    looks, taken, places = eye.look(anchors), [], []
+    for name, look, anchor in zip(names, looks, anchors, strict=True):
+        half = (_LETTER * len(name) + _MARGIN) / 2
+        rise = 0.0
+        while any(abs(x - look[0]) < w + half and abs(y - look[1] - rise) < _LINE for x, y, w in taken):
+            rise += _LINE / 2
+        taken.append((look[0], look[1] + rise, half))
+        places.append(anchor + rise * look[2] * eye.up)
+    return np.array(places).reshape(-1, 3)
