@@ -19,7 +19,7 @@ from .config import read_config, write_config
 from .demo import Comparison, all_within, compare_with_truth, demo_config, write_demo_recording
 from .demo_scene import Scene, demo_scene
 from .result_table import console, millimetres, print_rig, with_sigma
-from .rig_file import write_rig
+from .rig_file import read_rig_file, write_rig
 
 
 def demo(
@@ -44,7 +44,10 @@ def demo(
     write_demo_recording(recording, scene, workers)
     write_config(demo_config(scene), described)
     rig = _calibrate(recording, described, output / "rig.mcap", workers)
-    written = [recording, described, output / "rig.mcap", *_save_rerun(output, rig, recording)]
+    from .inspect_command import save_rrd
+
+    save_rrd(output / "demo.rrd", read_rig_file(output / "rig.mcap"), [recording])
+    written = [recording, described, output / "rig.mcap", output / "demo.rrd"]
     _show(rig, scene, written, as_json)
     print(f"{time.monotonic() - began:.0f} s in all", file=sys.stderr)
 
@@ -56,10 +59,6 @@ def _calibrate(recording: Path, described: Path, result: Path, workers: int | No
     refuse_missing(rig)
     write_rig(result, rig, config.text, searched.times)
     return rig
-
-
-def _save_rerun(output: Path, rig: Rig, recording: Path) -> list[Path]:
-    return []
 
 
 def _show(rig: Rig, scene: Scene, written: Sequence[Path], as_json: bool) -> None:
