@@ -25,8 +25,9 @@ _LEAST_STEP = 0.25
 _WRONG_CELLS = 0.08
 # Grey levels between ink and paper below which nothing sure can be said.
 _LEAST_CONTRAST = 12.0
-# A side whose pixels leave more than this share of its contrast unexplained, and more than its fellows, is covered.
-_UNEXPLAINED = 0.05
+# A side whose pixels leave more than this share of its contrast unexplained, and more than its fellows, is covered;
+# where cells are few blurs wide their neighbours' light counts too: the share is then _LEAKING over cells in blurs.
+_UNEXPLAINED, _LEAKING, _MOST_UNEXPLAINED = 0.05, 0.45, 0.12
 # sigma (px) above which a fit has found no edge to hold on to.
 _WORST_SIGMA = 0.4
 # Side (px) of a tag at which the first fit is made: a bow of a fiftieth of it is within reach.
@@ -139,7 +140,7 @@ def refine_tags(grey: Array, rough: Array, cells: int) -> tuple[Array, Array, Ar
     groups = [np.flatnonzero(levels == 0), *np.flatnonzero(levels > 0)[:, None]]
     for group in (g for g in groups if len(g)):
         corners[group], sigma[group], fit = _fit_from_level(grey, rough[group], cells, levels[group[0]])
-        sure[group] = _even_sides(fit)
+        sure[group] = _even_sides(fit, _cell(corners[group], cells))
         leak[group] = _leak(fit, corners[group], cells)
     side = np.linalg.norm(np.roll(rough, -1, axis=1) - rough, axis=2).min(axis=1)
     moved = np.linalg.norm(corners - rough, axis=2).max(axis=1)
@@ -162,12 +163,15 @@ def _leak(fit: EdgeFit, corners: Array, cells: int) -> Array:
     return 0.18 * blur * np.exp(-((ratio / 3.6) ** 3))
 
 
-def _even_sides(fit: EdgeFit) -> Array:
+def _even_sides(fit: EdgeFit, cell: Array) -> Array:
     """Which tags (N,) have four sides that are alike: dark within, of like contrast, and none of them half hidden."""
     contrast, noise = fit.contrast.reshape(-1, 4), fit.noise.reshape(-1, 4)
     least = contrast.min(axis=1)
     even = (least > _LEAST_CONTRAST) & (contrast.max(axis=1) < 4 * np.maximum(least, 1))
-    hidden = (noise > _UNEXPLAINED * contrast) & (noise > 2.5 * noise.min(axis=1, keepdims=True))
+    leaking = _LEAKING * fit.blur.reshape(-1, 4) / np.maximum(cell, 1e-3)
+    hidden = (noise > np.clip(leaking, _UNEXPLAINED, _MOST_UNEXPLAINED) * contrast) & (
+        noise > 2.5 * noise.min(axis=1, keepdims=True)
+    )
     return even & ~hidden.any(axis=1) & ~fit.washed_out.reshape(-1, 4).any(axis=1)
 
 
