@@ -66,8 +66,9 @@ def single(
         Distortion, typer.Option(help="Lens distortion: none, k1, 'k1 k2', or auto: as far as the points show it.")
     ] = "auto",
     distortion_sigma: Annotated[
-        float, typer.Option(min=0.0, help="Standard deviation of k1 about 0, where few points cannot show it.")
-    ] = 0.0,
+        float | None,
+        typer.Option(min=0.0, help="Standard deviation of k1 about 0; else 0.05 where few points cannot show it."),
+    ] = None,
     sigma: Annotated[float | None, typer.Option(help="Standard deviation of a corner, px; else as detected.")] = None,
     save: Annotated[Path | None, typer.Option(help="Write what was found as a rerun file, .rrd.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="The result as JSON.")] = False,

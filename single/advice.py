@@ -46,25 +46,32 @@ def focal_advice(
         return float(np.sqrt(covariance[0, 0])) / focal
 
     now, tilt = expected(cam_from_rect), float(view_tilt(cam_from_rect))
+    # What the bound does not know of (a lens that may be distorted) stays, whatever is done about the rest.
+    lens = max(relative_sigma**2 - now**2, 0.0) ** 0.5
     known = f"the focal is known to {percent(relative_sigma)}"
     options: list[tuple[float, str, str]] = []
+
+    def promise(better: float, words: str, then: str) -> None:
+        options.append((float(np.hypot(better, lens)), f"{words} {known}", then))
+
     if tilt < _TILTED_ENOUGH * _ADVISED_TILT:
-        better = expected(_tilted(cam_from_rect, _ADVISED_TILT))
-        words = f"tilt the sheet more: at {np.degrees(tilt):.0f} degrees {known}"
-        options.append((better, words, f"at {np.degrees(_ADVISED_TILT):.0f} degrees"))
+        words = f"tilt the sheet more: at {np.degrees(tilt):.0f} degrees"
+        promise(expected(_tilted(cam_from_rect, _ADVISED_TILT)), words, f"at {np.degrees(_ADVISED_TILT):.0f} degrees")
     scale = min(_room(points, focal, cam_from_rect, image_size), _MOST_NEARER)
     if scale > _LEAST_NEARER:
-        better = expected(Pose(cam_from_rect.rotation, cam_from_rect.translation / scale))
-        words = f"bring the sheet nearer, so that it fills the picture: {known}"
-        options.append((better, words, f"at 1/{scale:.1f} of the distance"))
+        nearer = Pose(cam_from_rect.rotation, cam_from_rect.translation / scale)
+        words = "bring the sheet nearer, so that it fills the picture:"
+        promise(expected(nearer), words, f"at 1/{scale:.1f} of the distance")
     if principal_point_sigma > 0:
-        words = f"the principal point is only known to {principal_point_sigma:.0f} px: {known}"
-        options.append((expected(cam_from_rect, 0.0), words, "with the principal point given"))
-    worth = sorted(option for option in options if option[0] < _WORTH_SAYING * now)
+        words = f"the principal point is only known to {principal_point_sigma:.0f} px:"
+        promise(expected(cam_from_rect, 0.0), words, "with the principal point given")
+    if lens > 0:
+        words = f"{len(points)} points cannot show all that the lens distorts: {known}"
+        options.append((now, words, "with a lens known to be free of distortion"))
+    worth = sorted(option for option in options if option[0] < _WORTH_SAYING * relative_sigma)
     if not worth:
         return [f"{known}: take more points of the sheet, or several Views with one camera"]
-    # The bound's ratio, applied to the sigma found, which may be larger than the bound.
-    return [f"{words}, {then} it would be {percent(relative_sigma * better / now)}" for better, words, then in worth]
+    return [f"{words}, {then} it would be {percent(promised)}" for promised, words, then in worth]
 
 
 def percent(share: float) -> str:
