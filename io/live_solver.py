@@ -1,7 +1,10 @@
 """Solving while frames come in: a process of its own, so that neither search nor screen waits for the solution."""
 
 import multiprocessing
+import multiprocessing.connection
 import os
+import signal
+import threading
 from collections.abc import Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
 from dataclasses import dataclass
@@ -119,11 +122,18 @@ class LiveSolver:
 
 def _stand_back() -> None:
     """Leave interrupts to the session, and the processor to the search."""
-    import signal
-
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if os.nice(0) < 5:
         os.nice(5)
+        threading.Thread(target=_leave_with_parent, daemon=True).start()
+
+
+def _leave_with_parent() -> None:
+    """End this process when the session's is killed: a pool's worker would wait for work for ever."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        multiprocessing.connection.wait([parent.sentinel])
+        os._exit(1)
 
 
 def _warm_up() -> None:

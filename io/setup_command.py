@@ -196,10 +196,17 @@ def _as_text(result: SetupResult, output: Path, plan: SetupPlan) -> str:
             f"{camera.name}: focal {camera.intrinsics.focal:.1f} ± {rig.focal_sigma(camera.name):.1f} px, place "
             f"± {millimetres(rig.position_sigma(camera.name))}, {camera.views} Views, rms {camera.rms:.2f} px"
         )
-    lines += list(rig.missing.values())
+    lines += list(_missing(result, plan).values())
     if result.dropped:
         lines.append(f"{result.dropped} frames were not recorded: the disk could not keep up")
     return "\n".join([*lines, f"{output}", f"{plan.recording}"])
+
+
+def _missing(result: SetupResult, plan: SetupPlan) -> dict[str, str]:
+    """A sentence for each camera that is not in the rig, those that never gave a picture among them."""
+    came = {camera.name for camera in result.cameras}
+    blind = {name: f"{name} gave no picture; look at its source" for name in plan.sources if name not in came}
+    return {**(result.rig.missing if result.rig else {}), **blind}
 
 
 def _as_json(result: SetupResult, output: Path, plan: SetupPlan) -> str:
@@ -210,7 +217,7 @@ def _as_json(result: SetupResult, output: Path, plan: SetupPlan) -> str:
         {
             "working_accuracy_mm": 1000 * rig.working_accuracy,
             "cameras": [camera.name for camera in rig.cameras],
-            "missing": rig.missing,
+            "missing": _missing(result, plan),
             "framesets": result.framesets,
             "kept": result.kept,
             "seconds": result.seconds,

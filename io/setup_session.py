@@ -206,7 +206,8 @@ class SetupSession:
         if kept is not None:
             self._note(kept)
             self._advise_at_once()
-        solution = self._solver.take()
+        # Files that are played until an accuracy is reached stop at the same frameset on every run.
+        solution = self._solver.take(wait=self._plan.pace == "consumed" and self._plan.until is not None)
         if solution is not None:
             now = time.monotonic()
             self._solution = solution

@@ -1,0 +1,276 @@
+"""rig setup from end to end, on rendered videos of somebody who holds a tag here and there before three cameras."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from quadrig.io.commands import run
+from quadrig.io.config import parse_config
+from quadrig.io.foreign_tags import ForeignTags
+from quadrig.io.frame import Frame
+from quadrig.io.kept_views import encode_views, read_kept_views
+from quadrig.io.live_recorder import LiveRecorder
+from quadrig.io.live_search import LiveSearch
+from quadrig.io.live_solver import thinned
+from quadrig.io.recording import open_recording
+from quadrig.io.rerun_live import shared_counts
+from quadrig.io.rig_file import read_rig
+from quadrig.io.setup_command import chosen_sources, length
+from quadrig.rig.capture_faults import wrong_board_fault
+from quadrig.single.detect import detect
+from quadrig.single.errors import QuadrigError
+from quadrig.single.lens import Intrinsics
+from quadrig.single.pose import Pose
+from quadrig.single.rectangle import CharucoMarking, Rectangle, TagMarking
+from quadrig.single.render import Sheet, render
+from quadrig.single.rotation import rotation_from_vector
+from quadrig.single.view import View
+
+WIDTH, HEIGHT, RATE = 640, 360, 30
+HOLDS, HELD = 9, 4
+TAG = Rectangle("sheet", 0.24, 0.24, TagMarking("apriltag_36h11", 5), moving=True)
+CONFIG = """reference = "cam0"
+[[rectangle]]
+name = "sheet"
+width = 0.24
+height = 0.24
+moving = true
+marking = { kind = "tag", dictionary = "apriltag_36h11", id = 5 }
+"""
+LENSES = [Intrinsics.centred(WIDTH, HEIGHT, focal) for focal in (480.0, 520.0, 555.0)]
+# On an arc of 1.5 m about a place in front of the first.
+CAMERAS = [
+    Pose(
+        rotation_from_vector(np.array([0, -angle, 0])),
+        np.array([1.5 * np.sin(angle), 0.1 * k, 1.5 - 1.5 * np.cos(angle)]),
+    )
+    for k, angle in enumerate((0.0, 0.45, 0.9))
+]
+
+
+def held_poses() -> list[Pose]:
+    rng = np.random.default_rng(3)
+    middle = np.array([0.0, 0.05, 1.5])
+    facing = rotation_from_vector(np.array([0, -0.45, 0]))
+    return [
+        Pose(
+            facing @ rotation_from_vector(rng.uniform(-0.6, 0.6, 3)), middle + rng.uniform(-0.2, 0.2, 3) * [1, 0.6, 1]
+        )
+        for _ in range(HOLDS)
+    ]
+
+
+def picture(camera: int, pose: Pose, rectangle: Rectangle = TAG) -> np.ndarray:
+    sheet = Sheet(rectangle, pose)
+    return render(LENSES[camera], CAMERAS[camera].inverse(), [sheet], samples=2, blur=0.6, noise=1.5, colour=False)
+
+
+@pytest.fixture(scope="module")
+def videos(tmp_path_factory) -> Path:
+    """A folder with rig.toml and cam0.avi to cam2.avi."""
+    folder = tmp_path_factory.mktemp("videos")
+    (folder / "rig.toml").write_text(CONFIG)
+    for camera in range(3):
+        writer = cv2.VideoWriter(
+            str(folder / f"cam{camera}.avi"), cv2.VideoWriter.fourcc(*"MJPG"), RATE, (WIDTH, HEIGHT)
+        )
+        for pose in held_poses():
+            colour = cv2.cvtColor(picture(camera, pose), cv2.COLOR_GRAY2BGR)
+            for _ in range(HELD):
+                writer.write(colour)
+        writer.release()
+    return folder
+
+
+def arguments(videos: Path, output: Path, *more: str) -> list[str]:
+    sources = [str(videos / f"cam{k}.avi") for k in range(3)]
+    return ["setup", *sources, "--config", str(videos / "rig.toml"), "-o", str(output), *more]
+
+
+def test_videos_become_a_rig_a_recording_and_a_picture_in_rerun(videos, tmp_path, capsys):
+    output = tmp_path / "rig.mcap"
+    assert run(arguments(videos, output, "--fast", "--json", "--save", str(tmp_path / "live.rrd"))) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert result["cameras"] == ["cam0", "cam1", "cam2"]
+    assert result["framesets"] == HOLDS * HELD
+    # A sheet held still is kept once.
+    assert result["kept"] <= HOLDS + 2
+    rig = read_rig(output)
+    for camera, lens in zip(rig.cameras, LENSES, strict=True):
+        # Five sigmas, and half a pixel for what rendering with 2 x 2 samples bends.
+        assert abs(camera.intrinsics.focal - lens.focal) < 5 * rig.focal_sigma(camera.name) + 0.5
+    recording = open_recording([Path(result["recording"])])
+    assert {camera.name: camera.frames for camera in recording.cameras} == dict.fromkeys(
+        ["cam0", "cam1", "cam2"], HOLDS * HELD
+    )
+    assert (tmp_path / "live.rrd").stat().st_size > 10_000
+
+
+def test_it_stops_at_the_accuracy_asked_for_and_goes_on_from_there(videos, tmp_path, capsys):
+    output = tmp_path / "rig.mcap"
+    assert run(arguments(videos, output, "--no-viewer", "--json", "--fast", "--until", "50mm")) == 0
+    first = json.loads(capsys.readouterr().out)
+    assert first["ending"] == "reached 50 mm"
+    assert first["framesets"] < HOLDS * HELD
+    assert run(arguments(videos, output, "--no-viewer", "--json", "--fast")) == 1
+    assert "--resume" in capsys.readouterr().err
+    assert run(arguments(videos, output, "--no-viewer", "--json", "--fast", "--resume")) == 0
+    second = json.loads(capsys.readouterr().out)
+    assert second["kept"] > first["kept"]
+    assert second["recording"].endswith("rig-recording-2.mcap")
+    assert second["working_accuracy_mm"] < first["working_accuracy_mm"]
+
+
+def started(videos: Path, output: Path, *more: str) -> subprocess.Popen:
+    """A session that waits for a stream that never comes, and so goes on after the videos' end."""
+    command = [sys.executable, "-m", "quadrig.io.commands", *arguments(videos, output, *more)]
+    return subprocess.Popen(
+        [*command, f"late=watch:{output.parent}"],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+def wait_for_kept(recording: Path, framesets: int) -> None:
+    until = time.monotonic() + 40
+    while not recording.exists() or len({v.frameset for v in read_kept_views(recording)[0]}) < framesets:
+        assert time.monotonic() < until, "nothing was kept"
+        time.sleep(0.1)
+
+
+@pytest.mark.parametrize("how", ["Enter", "Ctrl-C"])
+def test_enter_and_interrupt_leave_a_rig_and_a_recording(videos, tmp_path, how):
+    process = started(videos, tmp_path / "rig.mcap", "--no-viewer", "--fast")
+    try:
+        wait_for_kept(tmp_path / "rig-recording.mcap", 5)
+        if how == "Ctrl-C":
+            process.send_signal(signal.SIGINT)
+            out, err = process.communicate(timeout=30)
+        else:
+            out, err = process.communicate("\n", timeout=30)
+    finally:
+        process.kill()
+    assert process.returncode == 0, err
+    assert "Traceback" not in err
+    assert ("Enter was pressed" if how == "Enter" else "interrupted") in out
+    # The camera that never came is named; the others are a rig.
+    assert "late" in out
+    assert {camera.name for camera in read_rig(tmp_path / "rig.mcap").cameras} == {"cam0", "cam1", "cam2"}
+    assert open_recording([tmp_path / "rig-recording.mcap"]).indexed
+
+
+def test_killed_and_resumed(videos, tmp_path, capsys):
+    process = started(videos, tmp_path / "rig.mcap", "--no-viewer", "--fast")
+    try:
+        wait_for_kept(tmp_path / "rig-recording.mcap", 4)
+    finally:
+        os.kill(process.pid, signal.SIGKILL)
+        process.communicate()
+    before = {view.frameset for view in read_kept_views(tmp_path / "rig-recording.mcap")[0]}
+    assert all(camera.frames for camera in open_recording([tmp_path / "rig-recording.mcap"]).cameras)
+    assert run(arguments(videos, tmp_path / "rig.mcap", "--no-viewer", "--json", "--fast", "--resume")) == 0
+    assert json.loads(capsys.readouterr().out)["kept"] >= len(before)
+
+
+def test_search_finds_what_a_full_search_finds():
+    board = Rectangle("board", 0.40, 0.30, CharucoMarking(4, 3, 0.1, 0.075, "aruco_4x4_50"), moving=True)
+    lens = Intrinsics.centred(960, 540, 750.0)
+    search = LiveSearch([TAG, board])
+    for step in range(6):
+        shift = np.array([0.01 * step, 0, 0])
+        sheets = [
+            Sheet(TAG, Pose(rotation_from_vector(np.array([0.3, 0.2, 0.1])), np.array([-0.4, 0.1, 1.6]) + shift)),
+            Sheet(board, Pose(rotation_from_vector(np.array([-0.3, 0.3, 0])), np.array([0.2, 0, 1.4]) - shift)),
+        ]
+        grey = render(lens, Pose.identity(), sheets, samples=2, blur=0.6, noise=1.0, colour=False)
+        found = search.search(Frame("cam0", step, 0.0, picture=grey), step)
+        assert {view.rectangle for view in found.views} == {"sheet", "board"}
+        exact = {view.rectangle: view for view in search.refine(found)}
+        for view in detect(grey, [TAG, board]):
+            np.testing.assert_array_equal(exact[view.rectangle].points, view.points)
+            # The fit begins at outlines found in a window instead of the picture: a twentieth of a pixel at most.
+            np.testing.assert_allclose(exact[view.rectangle].pixels, view.pixels, atol=0.05)
+
+
+def test_a_sheet_that_rig_toml_does_not_name_is_noticed(monkeypatch):
+    other = Rectangle("other", 0.24, 0.24, TagMarking("apriltag_36h11", 9))
+    frame = Frame("cam0", 0, 0.0, picture=picture(0, Pose(np.eye(3), np.array([0, 0, 1.0])), other))
+    search, foreign = LiveSearch([TAG]).search(frame, 0), ForeignTags([TAG])
+    monkeypatch.setattr("quadrig.io.foreign_tags._EVERY", 0.0)
+    found = {}
+    for _ in range(4):
+        found = found or foreign.look([search])
+    fault = wrong_board_fault(found, [TAG])
+    assert fault is not None
+    assert "cam0 sees tag 9 of apriltag_36h11, which rig.toml does not name" in fault.sentence
+
+
+def test_kept_views_come_back_to_the_last_bit(tmp_path):
+    rng = np.random.default_rng(0)
+    view = View("sheet", TAG.corners, rng.uniform(0, 600, (4, 2)), "cam1", 7, (TAG.corners[::-1],), 0.123)
+    recorder = LiveRecorder(tmp_path / "r.mcap")
+    recorder.note(5, encode_views(7, [view], {"cam1": (640, 360)}))
+    recorder.close()
+    views, sizes = read_kept_views(tmp_path / "r.mcap")
+    assert sizes == {"cam1": (640, 360)}
+    assert len(views) == 1
+    assert (views[0].camera, views[0].rectangle, views[0].frameset, views[0].sigma) == ("cam1", "sheet", 7, 0.123)
+    np.testing.assert_array_equal(views[0].pixels, view.pixels)
+    np.testing.assert_array_equal(views[0].alternatives[0], view.alternatives[0])
+
+
+def test_thinning_keeps_what_cameras_share():
+    corners = TAG.corners
+    alone = [View("sheet", corners, corners[:, :2], "a", k) for k in range(300)]
+    shared = [View("sheet", corners, corners[:, :2], camera, 1000 + k) for k in range(40) for camera in "ab"]
+    kept = {view.frameset for view in thinned([*alone, *shared], 100)}
+    assert set(range(1000, 1040)) <= kept
+    assert len(kept) <= 100
+
+
+def test_the_graph_counts_moving_sheets_by_frameset_and_static_ones_at_all_times():
+    corners = TAG.corners
+    views = [View("sheet", corners, corners[:, :2], camera, k) for k, camera in enumerate("abab")]
+    views += [View("sheet", corners, corners[:, :2], "b", 0), View("wall", corners, corners[:, :2], "c", 9)]
+    views += [View("wall", corners, corners[:, :2], "a", 4)]
+    wall = Rectangle("wall", 0.2, 0.2)
+    assert shared_counts(views, {"sheet": TAG, "wall": wall}) == {("a", "b"): 1, ("a", "c"): 1}
+
+
+@pytest.mark.parametrize(("text", "metres"), [("1mm", 0.001), ("0.5 cm", 0.005), ("0.002", 0.002), ("2m", 2.0)])
+def test_lengths(text, metres):
+    assert length(text) == pytest.approx(metres)
+
+
+@pytest.mark.parametrize("text", ["", "mm", "1 foot", "-1mm", "0mm"])
+def test_what_is_no_length(text):
+    with pytest.raises(QuadrigError, match="is no length"):
+        length(text)
+
+
+def test_sources_of_the_command_line_and_of_rig_toml(tmp_path):
+    (tmp_path / "left.mp4").write_bytes(b"")
+    config = parse_config(
+        CONFIG.replace('"cam0"', '"r"')
+        + '[[camera]]\nname = "l"\nsource = "left.mp4"\n[[camera]]\nname = "r"\nsource = 1\n'
+    )
+    assert {name: spec.kind for name, spec in chosen_sources([], config, tmp_path).items()} == {
+        "l": "video",
+        "r": "camera",
+    }
+    named = chosen_sources(["0", "right=/dev/video1", "http://127.0.0.1/x"], config, tmp_path)
+    assert {name: spec.kind for name, spec in named.items()} == {"cam0": "camera", "right": "device", "cam2": "http"}
+    with pytest.raises(QuadrigError, match="two sources are called"):
+        chosen_sources(["a=0", "a=1"], config, tmp_path)
+    with pytest.raises(QuadrigError, match="no cameras"):
+        chosen_sources([], parse_config(CONFIG), tmp_path)
