@@ -1,7 +1,7 @@
 """Views laid out as arrays: which camera, which rectangle pose, which points, padded so that no loop is needed."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -14,8 +14,8 @@ class ObservationGroup:
     """Views of one lens model, padded to one number of points.
 
     view, camera, node (V,): index of the View, of its camera, of the rectangle pose (node) it sees.
-    points (V, P, 3) metres in the rectangle's frame, pixels (V, P, 2), weights (V, P): 1/sigma^2 of a pixel
-    coordinate, zero where padded or left out.
+    points (V, P, 3) metres in the rectangle's frame, pixels (V, P, 2), weights (V, P): share/sigma^2 of a pixel
+    coordinate, zero where padded or left out. share (V,): what a View counts for, below one where it repeats others.
     """
 
     view: Array
@@ -24,7 +24,13 @@ class ObservationGroup:
     points: Array
     pixels: Array
     weights: Array
+    share: Array
     model: LensModel
+
+    @property
+    def certainty(self) -> Array:
+        """1/sigma^2 (V, P) of a pixel coordinate by itself, zero where padded or left out."""
+        return self.weights / self.share[:, None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,10 +45,7 @@ class Observations:
 
     def with_weights(self, weights: Sequence[Array]) -> "Observations":
         """The same Views with other weights, one array a group."""
-        groups = tuple(
-            ObservationGroup(g.view, g.camera, g.node, g.points, g.pixels, w, g.model)
-            for g, w in zip(self.groups, weights, strict=True)
-        )
+        groups = tuple(replace(g, weights=w) for g, w in zip(self.groups, weights, strict=True))
         return Observations(groups, self.camera, self.node, self.cameras, self.nodes)
 
     def only(self, chosen: Array) -> "Observations":
@@ -51,20 +54,21 @@ class Observations:
         for g in self.groups:
             rows = np.flatnonzero(chosen[g.view])
             if len(rows):
-                parts = (a[rows] for a in (g.view, g.camera, g.node, g.points, g.pixels, g.weights))
+                parts = (a[rows] for a in (g.view, g.camera, g.node, g.points, g.pixels, g.weights, g.share))
                 groups.append(ObservationGroup(*parts, g.model))
         return Observations(tuple(groups), self.camera, self.node, self.cameras, self.nodes)
 
     @property
-    def count(self) -> int:
-        """How many points carry weight."""
-        return int(sum((g.weights > 0).sum() for g in self.groups))
+    def count(self) -> float:
+        """How many points carry weight, each as much as its View counts for."""
+        return float(sum(((g.weights > 0).sum(axis=1) * g.share).sum() for g in self.groups))
 
 
 def pack(
     points: Sequence[Array],
     pixels: Sequence[Array],
     sigma: Array,
+    share: Array,
     camera: Array,
     node: Array,
     models: Sequence[LensModel],
@@ -79,7 +83,7 @@ def pack(
         of_model = is_fisheye == (model == "fisheye")
         for size in np.unique(padded[of_model]):
             view = np.flatnonzero(of_model & (padded == size))
-            groups.append(_group(view, int(size), points, pixels, sigma, sizes, camera, node, model))
+            groups.append(_group(view, int(size), points, pixels, sigma, share, sizes, camera, node, model))
     return Observations(tuple(groups), np.asarray(camera), np.asarray(node), len(models), nodes)
 
 
@@ -95,6 +99,7 @@ def _group(
     points: Sequence[Array],
     pixels: Sequence[Array],
     sigma: Array,
+    share: Array,
     sizes: Array,
     camera: Array,
     node: Array,
@@ -107,5 +112,5 @@ def _group(
         padded_points[row, :count], padded_pixels[row, :count] = points[index], pixels[index]
         # Padding repeats the first point: a place that surely projects; its weight of zero takes it out.
         padded_points[row, count:], padded_pixels[row, count:] = points[index][0], pixels[index][0]
-        weights[row, :count] = 1 / sigma[index] ** 2
-    return ObservationGroup(view, camera[view], node[view], padded_points, padded_pixels, weights, model)
+        weights[row, :count] = share[index] / sigma[index] ** 2
+    return ObservationGroup(view, camera[view], node[view], padded_points, padded_pixels, weights, share[view], model)

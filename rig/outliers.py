@@ -32,7 +32,7 @@ def judge(observations: Observations, squares: tuple[Array, ...], noise: float) 
     weights = []
     for group, square in zip(observations.groups, squares, strict=True):
         carries = group.weights > 0
-        far = carries & ~(square * group.weights < _FAR * noise**2)
+        far = carries & ~(square * group.certainty < _FAR * noise**2)
         share = far.sum(axis=1) / np.maximum(carries.sum(axis=1), 1)
         # Three corners cannot place a rectangle twice over: a View needs four that agree, or half of a board's.
         whole = share >= _WHOLE_VIEW
@@ -50,7 +50,7 @@ def noise_of(chi_square: float, freedom: float) -> float:
 def robust_noise(observations: Observations, squares: tuple[Array, ...]) -> float:
     """Sigma (px) of a coordinate from the median squared residual, which outliers do not move."""
     values = [
-        (square * group.weights)[(group.weights > 0) & np.isfinite(square)]
+        (square * group.certainty)[(group.weights > 0) & np.isfinite(square)]
         for group, square in zip(observations.groups, squares, strict=True)
     ]
     every = np.concatenate(values) if values else np.zeros(0)

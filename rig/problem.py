@@ -13,6 +13,8 @@ from quadrig.single.view import View
 from .inputs import CameraInput
 from .observations import Observations, pack
 
+# The random part of a corner's error is about as large as the systematic one: more repeats than this win nothing.
+_MOST_REPEATS = 2
 # Four points carry a homography; fewer cannot place a plane.
 _FEWEST_POINTS = 4
 
@@ -51,6 +53,19 @@ class Problem:
         told = np.array([view.sigma for view in self.views])
         return told / np.median(told) if len(told) else told
 
+    @property
+    def shares(self) -> Array:
+        """What each View (V,) counts for: less than one where a still camera sees a still rectangle again and again.
+
+        Repeats average out what is random in a corner, not what is systematic (blur, print, the grid of pixels).
+        """
+        place = {name: index for index, name in enumerate(self.rectangles)}
+        rectangle = np.array([place[view.rectangle] for view in self.views], int)
+        seen = np.stack([self.node, rectangle, self.camera], axis=1)
+        _, inverse, count = np.unique(seen, axis=0, return_inverse=True, return_counts=True)
+        repeats = count[inverse]
+        return np.minimum(repeats, _MOST_REPEATS) / repeats
+
     def observations(self, readings: Array | None = None) -> Observations:
         """The Views as arrays, each in the reading (V,) that is chosen."""
         chosen = np.zeros(len(self.views), int) if readings is None else readings
@@ -58,6 +73,7 @@ class Problem:
             [self.points(index, reading) for index, reading in enumerate(chosen)],
             [view.pixels for view in self.views],
             self.sigmas,
+            self.shares,
             self.camera,
             self.node,
             ["pinhole" if c.intrinsics is None else c.intrinsics.model for c in self.cameras],

@@ -94,6 +94,7 @@ def _alone(problem: Problem) -> Observations:
         [v.points for v in views],
         [v.pixels for v in views],
         problem.sigmas,
+        problem.shares,
         problem.camera,
         np.arange(len(views)),
         models,
@@ -189,7 +190,7 @@ def _refine(problem: Problem, observations: Observations, lens: Array, poses: Po
         found = adjust(observations, state, freedom, noise, True, steps, tables)
         state, noise = found.state, max(robust_noise(observations, found.linearised.squares), LEAST_NOISE)
     # Every View spent six of its coordinates on its pose, every camera two on its lens: what is left shows less.
-    coordinates, spent = 2 * observations.count, 6 * observations.nodes + int(free.sum())
+    coordinates, spent = 2 * observations.count, 6 * problem.shares.sum() + free.sum()
     noise *= np.sqrt(coordinates / max(coordinates - spent, 0.1 * coordinates))
     return state.lens, state.rig_from_rect, float(noise)
 

@@ -12,6 +12,8 @@ _VAGUE_FOCAL = 0.02
 _FEW_VIEWS = 5
 # Left-out framesets that fit this much worse than those of the fit speak of a lens or an instant that does not hold.
 _WORSE_LEFT_OUT = 1.5
+# Less than this (px) is beyond what any detector promises.
+_NOTABLE = 0.1
 # The share of a picture (in a grid of 4 x 4) below which the lens is a guess outside of what was covered.
 _LITTLE_COVER = 0.4
 _GRID = 4
@@ -22,7 +24,7 @@ def weaknesses(rig: Rig) -> tuple[str, ...]:
     sentences = []
     for camera in rig.cameras:
         sentences += _of_camera(rig, camera)
-    if np.isfinite(rig.left_out_rms) and rig.left_out_rms > _WORSE_LEFT_OUT * rig.rms:
+    if np.isfinite(rig.left_out_rms) and rig.left_out_rms > max(_WORSE_LEFT_OUT * rig.rms, rig.rms + _NOTABLE):
         sentences.append(
             f"framesets left out of the fit miss by {rig.left_out_rms:.2f} px against {rig.rms:.2f} px of the fit: "
             "show more rectangles, in more places"
