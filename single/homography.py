@@ -22,7 +22,7 @@ def homographies(points: Array, pixels: Array, weights: Array | None = None) -> 
     rows[..., :, 6:8] = -image[..., :, None] * plane[..., None, :]
     rows[..., :, 8] = image
     rows *= np.sqrt(weights)[..., None, None]
-    flat = rows.reshape(*rows.shape[:-3], -1, 9)
+    flat = rows.reshape(*rows.shape[:-3], 2 * rows.shape[-3], 9)
     gram = np.swapaxes(flat, -1, -2) @ flat
     solution = _solve_each(gram[..., :8, :8], gram[..., :8, 8])
     normalised = np.concatenate([solution, np.ones((*solution.shape[:-1], 1))], axis=-1)

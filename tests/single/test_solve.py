@@ -292,3 +292,22 @@ def test_strong_perspective_has_no_twin_or_excludes_it():
         np.linalg.norm(views.pose.step_to(twins.cam_from_rect[:, 0])[:, :3], axis=-1) < np.radians(5)
     ).mean() > 0.99
     assert (twins.certainty > 0.999).mean() > 0.9
+
+
+@pytest.mark.parametrize("shape", [(), (1,), (2, 3), (0,)])
+@pytest.mark.parametrize("known", [None, 400.0])
+def test_any_leading_shape(shape, known):
+    quad = np.array([[300.0, 220.0], [100.0, 200.0], [110.0, 90.0], [290.0, 60.0]])
+    corners, points = np.broadcast_to(quad, (*shape, 4, 2)), rectangle_corners(0.3, 0.2)
+    centres = np.broadcast_to([160.0, 120.0], (*shape, 2))
+    four = solve_rectangles(corners, 0.3, np.full(shape, 0.2), centres, focal=known, principal_point_sigma=3.0)
+    any_points = solve_points(points, corners, centres, focal=known, principal_point_sigma=3.0)
+    for answer in (four, any_points):
+        assert answer.focal.shape == answer.chi2.shape == answer.reason.shape == answer.dof.shape == shape
+        assert answer.covariance.shape == (*shape, 9, 9)
+        assert answer.rect_from_cam_covariance.shape == (*shape, 9, 9)
+        assert np.shape(answer.focal_interval[0]) == shape
+    assert np.allclose(four.focal, any_points.focal, rtol=1e-6)
+    twins = twin_poses(points, corners, 400.0, centres, four.cam_from_rect)
+    assert twins.chi2.shape == (*shape, 2)
+    assert twins.cam_from_rect.rotation.shape == (*shape, 2, 3, 3)
