@@ -1,0 +1,99 @@
+"""Framesets left out: one Newton step says what a fit without them would have said."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from quadrig.rig.adjust import adjust
+from quadrig.rig.calibrate import calibrate
+from quadrig.rig.graph import first_rig
+from quadrig.rig.joint import solve_jointly
+from quadrig.rig.left_out import left_out_squares
+from quadrig.rig.normal_equations import linearise
+from quadrig.rig.problem import build_problem
+from quadrig.rig.start import start
+
+
+def jointly(made):
+    problem = build_problem(made.inputs, made.rectangles, made.views)
+    begin = start(problem)
+    standing = np.arange(len(problem.cameras)) == 0
+    return problem, solve_jointly(problem, begin, first_rig(problem, begin.candidates, 0), standing)
+
+
+def folds(problem, count=5):
+    """The fold of each node, by its own rule: framesets dealt in turn, still rectangles in turn."""
+    framesets = sorted({node.frameset for node in problem.nodes if node.frameset >= 0})
+    still = [i for i, node in enumerate(problem.nodes) if node.frameset < 0]
+    return np.array(
+        [
+            still.index(i) % count if node.frameset < 0 else framesets.index(node.frameset) % count
+            for i, node in enumerate(problem.nodes)
+        ]
+    )
+
+
+def refitted_squares(problem, joint):
+    """Squared residuals (V,) px^2 of each View, for cameras fitted anew without its fold and a rectangle pose fitted
+    to those cameras."""
+    observations, freedom, state = joint.observations, joint.freedom, joint.adjustment.state
+    fold, result = folds(problem)[observations.node], np.zeros(len(problem.views))
+    for number in range(5):
+        out = fold == number
+        kept = [np.where(out[g.view][:, None], 0.0, g.weights) for g in observations.groups]
+        cameras = adjust(observations.with_weights(kept), state, freedom, joint.noise).state
+        held = replace(
+            freedom,
+            lens=np.zeros_like(freedom.lens),
+            pose=np.zeros_like(freedom.pose),
+            node=np.ones_like(freedom.node),
+        )
+        left = [np.where(out[g.view][:, None], g.weights, 0.0) for g in observations.groups]
+        placed = adjust(observations.with_weights(left), cameras, held, joint.noise)
+        squares = linearise(observations, placed.state, np.zeros(0, int), 1.0, False).squares
+        for group, square in zip(observations.groups, squares, strict=True):
+            sums = np.where(group.weights > 0, square, 0.0).sum(axis=1)
+            result[group.view] = np.where(out[group.view], sums, result[group.view])
+    return result
+
+
+@pytest.mark.parametrize("board", [True, False])
+def test_one_step_says_what_real_refits_say(simulated, board):
+    made = simulated.simulate(41, simulated.Scene(cameras=3, framesets=30, board=board, distortion=board))
+    problem, joint = jointly(made)
+    quick, real = left_out_squares(problem, joint), refitted_squares(problem, joint)
+    assert np.isfinite(quick).all()
+    # Equal to second order: the fits with and without a fold are some tenths of a sigma apart.
+    assert np.sqrt(quick.sum() / real.sum()) == pytest.approx(1, abs=0.004 if board else 0.01)
+    # And View by View, so that no lucky sum is at work.
+    assert np.corrcoef(quick, real)[0, 1] > 0.995
+
+
+def test_what_was_not_seen_fits_worse_and_more_so_the_less_was_seen(simulated):
+    made = simulated.simulate(42, simulated.Scene(cameras=3, framesets=40, board=False, distortion=False, tags=1))
+    many = calibrate(made.inputs, made.rectangles, made.views)
+    few = calibrate(made.inputs, made.rectangles, [v for v in made.views if v.frameset < 15])
+    assert many.left_out_rms > many.rms
+    assert few.left_out_rms / few.rms > many.left_out_rms / many.rms
+
+
+def test_every_camera_has_its_own_figure(board_rig):
+    _, rig = board_rig
+    for camera in rig.cameras:
+        assert np.isfinite(camera.left_out_rms)
+        assert 0.8 * rig.rms < camera.left_out_rms < 1.5 * rig.left_out_rms
+
+
+def test_a_lens_too_simple_shows_in_what_was_left_out(simulated):
+    made = simulated.simulate(43, simulated.Scene(cameras=3, framesets=16))
+    simple = calibrate([replace(c, lens="f") for c in made.inputs], made.rectangles, made.views)
+    chosen = calibrate(made.inputs, made.rectangles, made.views)
+    assert chosen.left_out_rms < simple.left_out_rms
+
+
+def test_one_frameset_cannot_be_left_out(simulated):
+    made = simulated.simulate(44, simulated.Scene(cameras=3, framesets=20, board=False, distortion=False, tags=0))
+    together = [[v for v in made.views if v.frameset == f] for f in range(20)]
+    rig = calibrate(made.inputs, made.rectangles, max(together, key=len))
+    assert np.isnan(rig.left_out_rms)
