@@ -1,5 +1,6 @@
 """`rig calibrate`: a recording and a rig.toml in, a rig.mcap and a table out."""
 
+import math
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -76,11 +77,23 @@ def _show(rig: Rig, output: Path, as_json: bool) -> None:
     if as_json:
         import json
 
-        from .rig_json import rig_values
-
-        print(json.dumps(rig_values(rig), indent=2))
+        print(json.dumps(result_values(rig), indent=2))
         return
     from .result_table import print_rig
 
     print_rig(rig)
     print(f"\n{output}: look at it with `rig inspect {output}`", file=sys.stderr)
+
+
+def result_values(rig: Rig) -> dict[str, object]:
+    """The values of `rig export --format json`, and with them how well all fits, what is weak, who is missing."""
+    from .export import rig_values
+
+    figures = {"rms_px": rig.rms, "left_out_rms_px": rig.left_out_rms, "noise_px": rig.noise}
+    return {
+        **rig_values(rig),
+        **{name: figure if math.isfinite(figure) else None for name, figure in figures.items()},
+        "views": {camera.name: camera.views for camera in rig.cameras},
+        "weak": list(rig.weak),
+        "missing": dict(rig.missing),
+    }

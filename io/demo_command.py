@@ -14,6 +14,7 @@ from quadrig.rig.calibrate import calibrate
 from quadrig.rig.result import Rig
 from quadrig.single.errors import QuadrigError
 
+from .calibrate_command import result_values
 from .calibrate_recording import Effort, refuse_missing, search_recording
 from .config import read_config, write_config
 from .demo import Comparison, all_within, compare_with_truth, demo_config, write_demo_recording
@@ -66,9 +67,7 @@ def _show(rig: Rig, scene: Scene, written: Sequence[Path], as_json: bool) -> Non
     if as_json:
         import json
 
-        from .rig_json import rig_values
-
-        values = rig_values(rig) | {"truth": {one.camera: _truth_values(one) for one in compared}}
+        values = result_values(rig) | {"truth": {one.camera: _truth_values(one) for one in compared}}
         print(json.dumps(values, indent=2))
         return
     where = console()
