@@ -29,7 +29,7 @@ def detect(image: Array, rectangles: Sequence[Rectangle]) -> list[View]:
     views: dict[str, View] = {}
     for (dictionary, inverted), members in _by_dictionary(rectangles).items():
         seen = 255 - grey if inverted else grey
-        found = find_tags(seen, dictionary, _wanted(members))
+        found = find_tags(seen, dictionary, _wanted(members), _board_ids(members))
         tags = [r for r in members if isinstance(r.marking, TagMarking)]
         for view in detect_tags(seen, tags, found):
             views[view.rectangle] = view
@@ -86,6 +86,11 @@ def _marks(rectangle: Rectangle) -> list[tuple]:
 def _wanted(members: Sequence[Rectangle]) -> set[int]:
     """The tag ids that these rectangles bear."""
     return {mark[2] for rectangle in members for mark in _marks(rectangle)}
+
+
+def _board_ids(members: Sequence[Rectangle]) -> list[frozenset[int]]:
+    boards = [rectangle for rectangle in members if isinstance(rectangle.marking, CharucoMarking)]
+    return [frozenset(mark[2] for mark in _marks(board)) for board in boards]
 
 
 def _by_dictionary(rectangles: Sequence[Rectangle]) -> dict[tuple[str, bool], list[Rectangle]]:

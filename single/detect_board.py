@@ -4,6 +4,7 @@ import cv2
 import numpy as np
 
 from .dictionaries import canonical_dictionary, check_tag_id
+from .local_homography import local_homographies, mapped
 from .marking_image import charuco_tag_squares, starts_with_tag
 from .rectangle import CharucoMarking, ChessboardMarking, Rectangle, board_points
 from .rotation import Array
@@ -18,6 +19,8 @@ _ALWAYS_EXPLAINED = 0.05
 _LEAST_CONTRAST = 12.0
 # sigma (px) above which a corner says too little to be worth the risk.
 _WORST_SIGMA = 0.5
+# A corner this many px from the middle of its window is fitted again in a window of its own.
+_RECENTRE = 1.5
 # px that the model is wrong by on real lenses, added to what noise explains.
 _MODEL_SIGMA = 0.02
 # Largest window (px): farther out the lens bends the squares' edges.
@@ -75,7 +78,7 @@ def _fit_grid(grey: Array, grid: Array, axes: Array) -> CornerFit:
     flat_axes = axes.reshape(-1, 2, 2)
     fit = fit_corners(grey, grid.reshape(-1, 2), flat_axes, _window(flat_axes))
     moved = np.linalg.norm(fit.pixels - grid.reshape(-1, 2), axis=1)
-    if np.max(moved, initial=0.0) > 1.0:
+    if np.max(moved, initial=0.0) > _RECENTRE:
         fit = fit_corners(grey, fit.pixels, flat_axes, _window(flat_axes))
     return fit
 
@@ -225,28 +228,26 @@ def _predict(
 
     Returns places (P, 2) px, axes (P, 2, 2) px of one square's sides, and which places are near known points.
     """
-    places = np.full((len(points), 2), -1e3)
-    axes = np.tile(np.eye(2), (len(points), 1, 1))
-    trusted = np.zeros(len(points), bool)
     square = marking.square
-    whole, _ = cv2.findHomography(known / square, pixels)
-    if whole is None:
-        return places, axes, trusted
-    for k, point in enumerate(points):
-        distance = np.max(np.abs(known - point), axis=1)
-        near = np.argsort(distance, kind="stable")[:8]
-        homography = whole
-        if distance[near[-1]] < 2.5 * square:
-            local, _ = cv2.findHomography((known[near] - point) / square, pixels[near])
-            if local is not None:
-                homography = local @ np.array([[1, 0, -point[0] / square], [0, 1, -point[1] / square], [0, 0, 1]])
-        around = point / square + np.array([[0, 0], [0.25, 0], [-0.25, 0], [0, 0.25], [0, -0.25]])
-        seen = cv2.perspectiveTransform(around[:, None], homography)[:, 0]
-        places[k] = seen[0]
-        axes[k] = [2 * (seen[1] - seen[2]), 2 * (seen[3] - seen[4])]
-        trusted[k] = distance[near[0]] < 1.5 * square
+    distance = np.abs(known[None] - points[:, None]).max(axis=2)
+    count = min(8, len(known))
+    near = np.argsort(distance, axis=1, kind="stable")[:, :count]
+    around = (known[near] - points[:, None]) / square
+    local = local_homographies(around, pixels[near])
+    whole = local_homographies(
+        ((known[None] - points[:, None]) / square), np.broadcast_to(pixels, (len(points), *pixels.shape))
+    )
+    far = (np.take_along_axis(distance, near[:, -1:], axis=1)[:, 0] > 2.5 * square) | np.isnan(local).any(axis=(1, 2))
+    homography = np.where(far[:, None, None], whole, local)
+    seen = mapped(homography, np.array([[0, 0], [0.25, 0], [-0.25, 0], [0, 0.25], [0, -0.25]]))
+    places = seen[:, 0]
+    axes = 2 * np.stack([seen[:, 1] - seen[:, 2], seen[:, 3] - seen[:, 4]], axis=1)
+    known_well = np.isfinite(seen).all(axis=(1, 2))
+    places = np.where(known_well[:, None], places, -1e3)
+    axes = np.where(known_well[:, None, None], axes, np.eye(2))
+    trusted = distance.min(axis=1) < 1.5 * square
     inside = (places > 2).all(axis=1) & (places < np.array(shape[::-1]) - 3).all(axis=1)
-    return places, axes, trusted & inside & (np.linalg.det(axes) > 4)
+    return places, axes, known_well & trusted & inside & (np.linalg.det(axes) > 4)
 
 
 def _fit_charuco(grey: Array, marking: CharucoMarking, places: Array, axes: Array, wanted: Array):
@@ -256,11 +257,13 @@ def _fit_charuco(grey: Array, marking: CharucoMarking, places: Array, axes: Arra
     if not len(index):
         return pixels, sigma, good
     clear = (1 - marking.marker / marking.square) / 2
-    here = places[index]
-    for _ in range(2):
+    fit = fit_corners(grey, places[index], axes[index], _window(axes[index]), clear)
+    shift = fit.pixels - places[index]
+    far = np.linalg.norm(shift, axis=1, keepdims=True)
+    if np.max(far) > _RECENTRE:
+        # The window follows the corner, a few pixels at most, so that it holds the four squares evenly.
+        here = places[index] + shift * np.minimum(1, 4 / np.maximum(far, 1e-9))
         fit = fit_corners(grey, here, axes[index], _window(axes[index]), clear)
-        shift = fit.pixels - here
-        here = here + shift * np.minimum(1, 4 / np.maximum(np.linalg.norm(shift, axis=1), 1e-9))[:, None]
     side = np.linalg.norm(axes[index], axis=2).min(axis=1)
     moved = np.linalg.norm(fit.pixels - places[index], axis=1)
     sure = _good(fit) & _alike(fit) & (moved < np.maximum(1.5, 0.2 * side))
@@ -281,19 +284,16 @@ def _smooth(points: Array, pixels: Array, good: Array, square: float) -> Array:
     index = np.flatnonzero(good)
     if len(index) < 6:
         return keep
-    for k in index:
-        others = index[index != k]
-        near = others[np.argsort(np.linalg.norm(points[others] - points[k], axis=1), kind="stable")[:8]]
-        spread = (points[near] - points[k]) / square
-        if np.linalg.matrix_rank(spread - spread[0], tol=1e-6) < 2:
-            continue
-        local, _ = cv2.findHomography(spread, pixels[near])
-        if local is None:
-            continue
-        side = np.sqrt(abs(np.linalg.det(local[:2, :2] / local[2, 2])))
-        error = np.linalg.norm(local[:2, 2] / local[2, 2] - pixels[k])
-        # Extrapolating by a square through a strongly distorted lens misses by some per cent of a square.
-        keep[k] = error < max(1.0, 0.12 * side)
+    place = points[index] / square
+    distance = np.linalg.norm(place[:, None] - place[None], axis=2)
+    np.fill_diagonal(distance, np.inf)
+    near = np.argsort(distance, axis=1, kind="stable")[:, : min(8, len(index) - 1)]
+    local = local_homographies(place[near] - place[:, None], pixels[index][near])
+    side = np.sqrt(np.abs(np.linalg.det(local[:, :2, :2])))
+    error = np.linalg.norm(local[:, :2, 2] - pixels[index], axis=1)
+    # Extrapolating by a square through a strongly distorted lens misses by some per cent of a square; where the
+    # neighbours fix no homography (nan) there is no evidence against the corner.
+    keep[index] = ~(error > np.maximum(1.0, 0.12 * side))
     return keep
 
 

@@ -61,12 +61,19 @@ def _detector(
     return cv2.aruco.ArucoDetector(few, parameters)
 
 
-def find_tags(grey: Array, dictionary: str, wanted: Iterable[int] | None = None) -> dict[int, list[Array]]:
+def find_tags(
+    grey: Array,
+    dictionary: str,
+    wanted: Iterable[int] | None = None,
+    boards: Iterable[frozenset[int]] = (),
+) -> dict[int, list[Array]]:
     """Rough corners (4, 2) px, top left first and clockwise on the printed tag, of every tag seen, by id.
 
     wanted: the ids that matter; all of the dictionary where None. Passes over the image go from quick to slow, and
-    to smaller images, where blur counts less, until all wanted tags are found.
+    to smaller images, where blur counts less, until all wanted tags are found; of the tags of a board (one set of
+    ids each), until half of them are.
     """
+    boards = tuple(boards)
     missing = None if wanted is None else tuple(sorted(set(wanted)))
     found: dict[int, list[Array]] = {}
     for scale, windows in _passes(max(grey.shape)):
@@ -75,7 +82,8 @@ def find_tags(grey: Array, dictionary: str, wanted: Iterable[int] | None = None)
             if tag_id not in found:
                 found[tag_id] = [(quad + 0.5) / scale - 0.5 for quad in quads]
         if missing is not None:
-            missing = tuple(tag_id for tag_id in missing if tag_id not in found)
+            plenty = frozenset().union(*(ids for ids in boards if 2 * len(ids & found.keys()) >= len(ids)))
+            missing = tuple(tag_id for tag_id in missing if tag_id not in found and tag_id not in plenty)
             if not missing:
                 break
     return found
@@ -195,7 +203,7 @@ def _fit_from_level(grey: Array, rough: Array, cells: int, top: int) -> tuple[Ar
         cell = _cell(small, cells)
         if bow is None:
             # First wide enough for the rough corners' error, then close to the edge found.
-            first, _, fit = fit_outline(image, small, np.clip(0.6 * cell, 1.0, _WIDE))
+            first, _, fit = fit_outline(image, small, np.clip(0.6 * cell, 1.0, _WIDE), most=32)
             small = np.where(np.isfinite(first), first, small)
             bow, blur = (part.reshape(-1, 4) * scale for part in (fit.coefficients[:, 2], fit.blur))
         close = np.clip(0.8 * cell, 1.0, np.maximum(_CLOSE, 3 * blur / scale))

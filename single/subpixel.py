@@ -105,13 +105,21 @@ def _solve_damped(jacobian: Array, residual: Array, weight: Array, prior: Array,
 
 
 def fit_edges(
-    image: Array, start: Array, end: Array, inside: Array, reach: Array, margin: Array, bow: Array | None = None
+    image: Array,
+    start: Array,
+    end: Array,
+    inside: Array,
+    reach: Array,
+    margin: Array,
+    bow: Array | None = None,
+    most: int = 96,
 ) -> EdgeFit:
     """Fit the edges near the lines from start to end (N, 2) px in a grey image (h, w).
 
     inside (N, 2): a point on the darker or lighter inner side, which gives the normal its sense (it points away).
     reach (N,): px to either side that belong to this edge alone. margin (N,): px at both ends to leave out.
     bow (N,): px by which the edge is known to bulge inwards between its ends (c2); straight where None.
+    most: lines of pixels across an edge that are looked at; more tell little more of a straight edge.
     """
     along = end - start
     length = np.linalg.norm(along, axis=1)
@@ -120,14 +128,14 @@ def fit_edges(
     middle = (start + end) / 2
     normal *= -np.sign(np.sum((inside - middle) * normal, axis=1))[:, None]
     bow = np.zeros(len(start)) if bow is None else bow
-    u, offset, grey, valid = _edge_samples(image, middle, tangent, normal, length, reach, margin, bow)
+    u, offset, grey, valid = _edge_samples(image, middle, tangent, normal, length, reach, margin, bow, most)
     return _edge_iterations(u, offset, grey, valid, length, reach, bow)
 
 
-def _edge_samples(image, middle, tangent, normal, length, reach, margin, bow):
+def _edge_samples(image, middle, tangent, normal, length, reach, margin, bow, most):
     """Pixels in the bands along the edges, with their exact places: u along in [-1, 1], offset across in px."""
     free = np.maximum(length - 2 * margin, 1.0)
-    many = int(np.clip(np.max(free), 8, 160))
+    many = int(np.clip(np.max(free), 8, most))
     wide = int(np.ceil(np.max(reach)))
     s = (np.linspace(-0.5, 0.5, many)[None, :, None]) * free[:, None, None]
     bulge = bow[:, None, None] * ((2 * s / length[:, None, None]) ** 2 - 1)
@@ -209,7 +217,7 @@ def _edge_model(parameters: Array, u: Array, offset: Array, grey: Array) -> tupl
 
 
 def fit_outline(
-    image: Array, corners: Array, reach: Array, bow: Array | None = None, blur: Array | None = None
+    image: Array, corners: Array, reach: Array, bow: Array | None = None, blur: Array | None = None, most: int = 96
 ) -> tuple[Array, Array, EdgeFit]:
     """Corners (N, 4, 2) px of quadrilaterals, from the four edges of each, with what the edges told.
 
@@ -225,7 +233,7 @@ def fit_outline(
     rounded = 2.0 if blur is None else np.maximum(2.0, 2.5 * blur.reshape(-1))
     margin = np.minimum(np.maximum(rounded, 0.06 * length), 0.3 * length)
     flat_bow = None if bow is None else bow.reshape(-1)
-    fit = fit_edges(image, start, end, centre, reach.reshape(-1), margin, flat_bow)
+    fit = fit_edges(image, start, end, centre, reach.reshape(-1), margin, flat_bow, most)
     refined, sigma = _meet(corners, fit)
     return refined.reshape(count, 4, 2), sigma.reshape(count, 4), fit
 
