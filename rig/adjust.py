@@ -21,7 +21,7 @@ from .normal_equations import (
     normal_equations,
 )
 from .observations import Observations
-from .slack import Softened, slack_steps, soften
+from .slack import SlackPrior, Softened, slack_steps, soften
 
 # A step that is expected to lower chi-square by less than this moves every parameter by less than a thousandth
 # of its own sigma: nothing that a result prints can change.
@@ -38,8 +38,8 @@ class Freedom:
     """What may change, and what is known beforehand.
 
     lens (C, 9) bool, pose (C,) bool, node (N,) bool. prior_mean, prior_information (C, 9): independent Gaussian
-    priors of the lens parameters, information in 1/sigma^2, zero for none. slack_information (V, 6): of each View's
-    slack, infinite where it has none; None where no View has any.
+    priors of the lens parameters, information in 1/sigma^2, zero for none. slack: the prior of each View's slack,
+    None where no View has any.
     """
 
     lens: Array
@@ -47,7 +47,7 @@ class Freedom:
     node: Array
     prior_mean: Array
     prior_information: Array
-    slack_information: Array | None = None
+    slack: SlackPrior | None = None
 
     @property
     def columns(self) -> Array:
@@ -94,7 +94,7 @@ def adjust(
     expected fall of chi-square below which no further step is taken.
     """
     problem = _Adjusted(observations, freedom, tables or layout(observations), freedom.columns, noise, robust)
-    if freedom.slack_information is not None and state.slack is None:
+    if freedom.slack is not None and state.slack is None:
         state = replace(state, slack=np.zeros((len(observations.camera), 6)))
     here = _expand(problem, state)
     costs, damping = [here.cost], _FIRST_DAMPING
@@ -141,9 +141,9 @@ def _linearised(problem: _Adjusted, state: State) -> tuple[Linearised, float]:
 
 def _expand(problem: _Adjusted, state: State, known: tuple[Linearised, float] | None = None) -> _Expansion:
     linearised, cost = known or _linearised(problem, state)
-    information, softened, gram = problem.freedom.slack_information, None, linearised.gram
-    if information is not None and state.slack is not None:
-        softened = soften(gram, state.slack, information)
+    prior, softened, gram = problem.freedom.slack, None, linearised.gram
+    if prior is not None and state.slack is not None:
+        softened = soften(gram, state.slack, prior.information)
         gram = softened.gram
     normal = normal_equations(problem.observations, problem.tables, state, gram)
     return _Expansion(state, cost, linearised, with_prior(normal, state, problem.freedom, problem.columns), softened)
@@ -198,8 +198,8 @@ def view_steps(observations: Observations, state: State, steps: Array, poses: Ar
 
 def _prior_cost(state: State, freedom: Freedom) -> float:
     cost = float((freedom.prior_information * freedom.lens * (state.lens - freedom.prior_mean) ** 2).sum())
-    if freedom.slack_information is not None and state.slack is not None:
-        held = np.where(np.isfinite(freedom.slack_information), freedom.slack_information, 0.0)
+    if freedom.slack is not None and state.slack is not None:
+        held = np.where(freedom.slack.loose[:, None], freedom.slack.information, 0.0)
         cost += float((held * state.slack**2).sum())
     if state.offsets is not None:
         cost += float((state.offsets**2).sum()) * _CLOCK_INFORMATION

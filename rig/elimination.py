@@ -35,7 +35,7 @@ class Reduced:
 
 def eliminate(normal: Normal, layout: Layout, free: Array, free_nodes: Array, damping: float = 0.0) -> Reduced:
     """Schur complement on the cameras. damping: share of each diagonal element that is added to it (Marquardt)."""
-    inverse = np.linalg.inv(_damped(normal.nodes, damping) + _EMPTY_NODE * np.eye(6))
+    inverse = node_inverses(normal, damping)
     inverse[~free_nodes] = 0.0
     through = normal.pairs @ inverse[layout.pair_node]
     meeting = through[layout.meeting_left] @ np.swapaxes(normal.pairs[layout.meeting_right], -1, -2)
@@ -46,6 +46,11 @@ def eliminate(normal: Normal, layout: Layout, free: Array, free_nodes: Array, da
     pulled = (through @ normal.node_gradient[layout.pair_node][..., None])[..., 0]
     np.subtract.at(gradient, layout.pair_camera, pulled)
     return Reduced(blocks, layout.block_left, layout.block_right, gradient, free, inverse)
+
+
+def node_inverses(normal: Normal, damping: float = 0.0) -> Array:
+    """Inverses (N, 6, 6) of the rectangle poses' own blocks: their covariances, were all cameras known."""
+    return np.linalg.inv(_damped(normal.nodes, damping) + _EMPTY_NODE * np.eye(6))
 
 
 def _damped(blocks: Array, damping: float) -> Array:

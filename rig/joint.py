@@ -8,15 +8,15 @@ from quadrig.single.rotation import Array
 
 from .adjust import Adjustment, Freedom, adjust, undamped
 from .clock import motion
-from .elimination import Reduced, reduced_inverse
+from .elimination import Reduced, node_inverses, reduced_inverse
 from .graph import FirstRig
 from .lens_choice import LensChoices, choose_lenses, starting_lenses
-from .normal_equations import Layout, State, layout
+from .normal_equations import Layout, State, chain_derivatives, layout
 from .observations import Observations
 from .outliers import Judged, judge, noise_of, robust_noise
 from .principal_point import PRINCIPAL_SIGMA
 from .problem import Problem
-from .slack import learned_information, strays
+from .slack import SlackPrior, learned, slack_variances, strays
 from .start import LEAST_NOISE, Start, prior
 
 # A fit that others follow is good enough once a step would lower chi-square by this little: a tenth of a sigma.
@@ -139,19 +139,21 @@ def _loosened(
     moving = np.array([problem.rectangles[view.rectangle].moving for view in problem.views])
     if not moving.any():
         return found, freedom
-    information = np.full((len(moving), 6), np.inf)
-    information[moving] = 1 / _FIRST_SLACK**2
-    freedom = replace(freedom, slack_information=information)
+    prior = SlackPrior.wide(moving, _FIRST_SLACK)
     state = found.state
     for _ in range(_SLACK_ROUNDS):
+        freedom = replace(freedom, slack=prior)
         found = adjust(observations, state, freedom, noise, True, 3, found.layout, _ROUGH)
         assert found.softened is not None
         assert found.state.slack is not None
-        last, information = information, learned_information(found.state.slack, found.softened, information)
-        freedom = replace(freedom, slack_information=information)
+        _, by_node = chain_derivatives(observations, found.state)
+        covariance = node_inverses(found.normal)[observations.node]
+        variances = slack_variances(found.softened, by_node, covariance)
+        last, prior = prior, learned(found.state.slack, variances, prior)
         state = _with_motion(problem, found.state)
-        if np.abs(np.log(np.median(information[moving] / last[moving], axis=0))).max() < _SAME_WIDTH:
+        if np.abs(np.log(prior.precision / last.precision)).max() < _SAME_WIDTH:
             break
+    freedom = replace(freedom, slack=prior)
     found = adjust(observations, state, freedom, noise, True, 6, found.layout, _ROUGH)
     return _without_need(observations, found, freedom, noise)
 
@@ -171,7 +173,7 @@ def _without_need(
     """The fit without slack where the clocks alone explain what the cameras disagreed on; else as it is."""
     if found.state.motion is None:
         return found, freedom
-    firm = replace(freedom, slack_information=None)
+    firm = replace(freedom, slack=None)
     tried = adjust(observations, replace(found.state, slack=None), firm, noise, True, 12, found.layout, _ROUGH)
     enough = robust_noise(observations, tried.linearised.squares) < _EXPLAINED * noise
     return (tried, firm) if enough else (found, freedom)
@@ -182,7 +184,7 @@ def _without_slack(used: Observations, state: State, freedom: Freedom, noise: fl
     if state.slack is None:
         return state
     still = np.zeros(used.cameras, bool)
-    fixed = replace(freedom, lens=np.zeros_like(freedom.lens), pose=still, slack_information=None)
+    fixed = replace(freedom, lens=np.zeros_like(freedom.lens), pose=still, slack=None)
     return _with_still_clocks(used, replace(state, slack=None), fixed, noise)
 
 
@@ -196,9 +198,9 @@ def _with_still_clocks(used: Observations, state: State, freedom: Freedom, noise
 def _judge(observations: Observations, found: Adjustment, freedom: Freedom, noise: float) -> Judged:
     """Corners by their residual, and Views of moving rectangles by how far they stray."""
     judged, state = judge(observations, found.linearised.squares, noise), found.state
-    if state.slack is None or freedom.slack_information is None:
+    if state.slack is None or freedom.slack is None:
         return judged
-    stray = strays(state.slack, freedom.slack_information)
+    stray = strays(state.slack, freedom.slack)
     weights = [
         np.where(stray[g.view][:, None], 0.0, w) for g, w in zip(observations.groups, judged.weights, strict=True)
     ]
@@ -249,8 +251,8 @@ def _noise(adjustment: Adjustment, used: Observations, freedom: Freedom, noise: 
     variance = np.diagonal(reduced_inverse(reduced)).reshape(reduced.free.shape)[:, : len(adjustment.columns)]
     held = (freedom.prior_information * freedom.lens)[:, adjustment.columns] * variance
     unknowns += float(freedom.lens.sum() - held.sum())
-    if adjustment.softened is not None and freedom.slack_information is not None:
-        loose = np.isfinite(freedom.slack_information)
-        pulled = np.where(loose, freedom.slack_information, 0.0)
-        unknowns += float((loose - pulled * np.einsum("vii->vi", adjustment.softened.inverse)).sum())
+    if adjustment.softened is not None and freedom.slack is not None:
+        loose = freedom.slack.loose
+        held = freedom.slack.information[loose] * np.einsum("vii->vi", adjustment.softened.inverse)[loose]
+        unknowns += float((1 - held).sum())
     return noise_of(chi_square, 2 * used.count - unknowns)

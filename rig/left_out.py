@@ -26,7 +26,7 @@ def left_out_squares(problem: Problem, joint: Joint) -> Array:
     fold = _folds(problem)
     result = np.full(len(problem.views), np.nan)
     gram = _gram_of_prediction(joint)
-    scale = (joint.noise * problem.sigmas) ** 2
+    scale = (joint.noise * problem.sigmas) ** 2 / problem.shares
     for number in range(int(fold.max(initial=-1)) + 1):
         out = fold[joint.observations.node] == number
         if out.any() and not out.all():

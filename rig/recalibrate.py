@@ -110,7 +110,7 @@ def _passed_on(problem: Problem, joint: Joint, rig: Rig, standing: Array) -> Arr
     for row in np.flatnonzero(standing):
         known = rig.camera(problem.cameras[row].name).free_lens
         free[row] = [name in known for name in LENS_PARAMETERS]
-    opened = replace(joint.freedom, lens=free, pose=np.ones(len(standing), bool), slack_information=None)
+    opened = replace(joint.freedom, lens=free, pose=np.ones(len(standing), bool), slack=None)
     # The clocks stay where they were found: their doubt is not a rig's.
     state = replace(joint.adjustment.state, motion=None, offsets=None, slack=None)
     found = adjust(joint.observations, state, opened, joint.noise, most_steps=0)

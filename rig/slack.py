@@ -15,9 +15,31 @@ from quadrig.single.rotation import Array
 # Degrees of freedom of Student's t for the slack: low enough for stray Views to stray, high enough for a variance.
 _STUDENT = 4.0
 
-# Student's t of those degrees of freedom leaves one View in a hundred thousand beyond this many widths (root mean
+# Student's t of those degrees of freedom leaves one View in some ten thousand beyond this many widths (root mean
 # square over the six): such a View was taken at another instant. Nearer ones keep a voice, as loud as t lets them.
-_STRAY = 15.0
+_STRAY = 10.0
+
+
+@dataclass(frozen=True, eq=False)
+class SlackPrior:
+    """Gaussian prior of each View's slack: precision (6,), 1/variance, times the View's weight (V,).
+
+    loose (V,) bool: Views that have any slack.
+    """
+
+    loose: Array
+    weight: Array
+    precision: Array
+
+    @staticmethod
+    def wide(loose: Array, width: float) -> "SlackPrior":
+        """The same width, rad and m, for every loose View."""
+        return SlackPrior(loose, np.ones(len(loose)), np.full(6, width**-2))
+
+    @property
+    def information(self) -> Array:
+        """(V, 6), infinite where a View has no slack."""
+        return np.where(self.loose[:, None], self.weight[:, None] * self.precision, np.inf)
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,29 +76,32 @@ def slack_steps(softened: Softened, steps: Array) -> Array:
     return (softened.inverse @ pulled)[..., 0]
 
 
-def learned_information(slack: Array, softened: Softened, information: Array) -> Array:
-    """Prior information (V, 6) of the slack by one step of expectation-maximisation from the last one.
+def slack_variances(softened: Softened, by_node: Array, node_covariance: Array) -> Array:
+    """Variances (V, 6) of the slack, with the doubt of the rectangle poses that it is reckoned from.
 
-    Rotation and translation have one width each, and every View a weight of its own: slack follows Student's t, since
-    a rectangle is now held still and now swung. Views whose information is infinite have no slack and keep none.
+    by_node (V, 6, 6): derivative of the chained camera_from_rect by its node's twist; node_covariance (V, 6, 6): of
+    that twist. Without it a rectangle pose that one View alone sees would follow that View, and its slack would seem to be
+    none (restricted against plain maximum likelihood; Patterson and Thompson 1971).
     """
-    loose = np.isfinite(information).all(axis=1)
-    result = np.full(slack.shape, np.inf)
-    if not loose.any():
-        return result
-    variance = (slack**2 + np.einsum("vii->vi", softened.inverse))[loose]
-    width = information[loose].max(axis=0)
-    weight = (_STUDENT + 6) / (_STUDENT + (variance * width).sum(axis=1))
-    for part in (slice(0, 3), slice(3, 6)):
-        result[loose, part] = (weight / (weight[:, None] * variance[:, part]).mean())[:, None]
-    return result
+    lens = softened.gram.shape[-1] - 7
+    passed = softened.inverse @ softened.rows[:, :, lens : lens + 6] @ by_node
+    return np.einsum("vii->vi", softened.inverse + passed @ node_covariance @ np.swapaxes(passed, -1, -2))
 
 
-def strays(slack: Array, information: Array) -> Array:
-    """Views (V,) bool whose slack slack is far beyond the width that the Views together have."""
-    loose = np.isfinite(information).all(axis=1)
-    if not loose.any():
-        return np.zeros(len(slack), bool)
-    # Information falls with a View's own weight: the width of Student's t is that of the Views that stray least.
-    width = np.median(information[loose], axis=0)
-    return loose & ((slack**2 * width).sum(axis=1) > 6 * _STRAY**2)
+def learned(slack: Array, variances: Array, prior: SlackPrior) -> SlackPrior:
+    """The prior of the slack by one step of expectation-maximisation from the last one.
+
+    slack, variances (V, 6). Rotation and translation have one width each, and every View a weight of its own: slack
+    follows Student's t, since a rectangle is now held still and now swung.
+    """
+    square = (slack**2 + variances)[prior.loose]
+    weight = (_STUDENT + 6) / (_STUDENT + (square * prior.precision).sum(axis=1))
+    rotation, translation = ((weight[:, None] * square[:, part]).mean() for part in (slice(0, 3), slice(3, 6)))
+    every = np.ones(len(slack))
+    every[prior.loose] = weight
+    return SlackPrior(prior.loose, every, 1 / np.array([rotation] * 3 + [translation] * 3))
+
+
+def strays(slack: Array, prior: SlackPrior) -> Array:
+    """Views (V,) bool whose slack is far beyond the width that the Views together have."""
+    return prior.loose & ((slack**2 * prior.precision).sum(axis=1) > 6 * _STRAY**2)

@@ -11,6 +11,7 @@ from quadrig.rig.elimination import dense_matrix, eliminate, node_steps, reduced
 from quadrig.rig.inputs import CameraInput
 from quadrig.rig.normal_equations import State, layout, linearise, normal_equations
 from quadrig.rig.problem import build_problem
+from quadrig.rig.slack import SlackPrior
 from quadrig.single.lens import Intrinsics, project, unproject
 from quadrig.single.pose import Pose
 
@@ -171,7 +172,7 @@ def open_freedom(observations, state, slack=None):
     information[:, 1:3] = 1 / 20.0**2
     return Freedom(
         lens, np.arange(cameras) > 0, np.ones(observations.nodes, bool), state.lens.copy(), information,
-        slack_information=slack,
+        slack=slack,
     )  # fmt: skip
 
 
@@ -179,7 +180,7 @@ def whole_cost(observations, state, freedom, noise):
     cost = linearise(observations, state, EVERY_LENS, noise, False).cost
     cost += (freedom.prior_information * freedom.lens * (state.lens - freedom.prior_mean) ** 2).sum()
     if state.slack is not None:
-        held = np.where(np.isfinite(freedom.slack_information), freedom.slack_information, 0)
+        held = np.where(freedom.slack.loose[:, None], freedom.slack.information, 0)
         cost += (held * state.slack**2).sum()
     return cost
 
@@ -189,9 +190,8 @@ def test_where_it_ends_every_direction_leads_up(small, with_slack):
     observations, truth = small
     rng = np.random.default_rng(4)
     views = len(observations.camera)
-    slack = np.full((views, 6), 1 / 0.003**2) if with_slack else None
-    if slack is not None:
-        slack[:3] = np.inf  # the first Views are held to the chain
+    # The first Views are held to the chain.
+    slack = SlackPrior.wide(np.arange(views) >= 3, 0.003) if with_slack else None
     freedom = open_freedom(observations, truth, slack)
     found = adjust(observations, shaken(truth, rng), freedom, 0.3, most_steps=60)
     state = found.state
