@@ -1,0 +1,292 @@
+"""Has a camera moved since the rig was calibrated? A test of each camera against what the rig said of it.
+
+New Views, with lenses and rectangle poses unknown, say g of a step of the cameras away from the stored rig, with
+information H. The rig itself knows that step to its covariance S. So the new Views see, of a camera that moved by m,
+
+    b = (I + H S)^-1 g,   with information M = H (I + S H)^-1,   and   m = M_ii^-1 b_i
+
+to first order: generalised least squares in which the rig's doubt of lenses and poses is noise like any other
+(Woodbury's identity). Of a camera that did not move, b_i M_ii^-1 b_i is chi-square with six degrees of freedom.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+import numpy as np
+
+from quadrig.single.errors import QuadrigError
+from quadrig.single.lens import LENS_PARAMETERS
+from quadrig.single.pose import Pose
+from quadrig.single.rectangle import Rectangle
+from quadrig.single.rotation import Array
+from quadrig.single.view import View
+
+from .adjust import adjust, undamped
+from .assemble import step_by_camera_twist
+from .elimination import dense_matrix
+from .graph import components, first_rig
+from .inputs import CameraInput
+from .joint import Joint, solve_jointly
+from .problem import Problem, build_problem
+from .result import CAMERA_PARAMETERS, Rig
+from .start import start
+
+State = Literal["unmoved", "moved", "cannot tell"]
+
+_FREEDOMS = 6
+_POWER = 0.95
+# A test that finds nothing below this share of the distance of what was seen (or this angle, rad) tells nothing.
+_TELLS_NOTHING = 0.05
+# Chi-square by which one explanation must beat another to be named alone: odds of ninety to one.
+_AMBIGUOUS = 9.0
+
+
+@dataclass(frozen=True, eq=False)
+class CameraMove:
+    """What new Views say of one camera. shift (m) and turn (rad), with sigmas: of its pose since the calibration.
+
+    chance: probability of as much disagreement in a camera that did not move. found: m, the shift that would have
+    been found with 95 % power in the direction told worst. instead: cameras whose move would explain it as well.
+    covariance (6, 6): of the step of rig_from_camera that the move is; nan where nothing can be told.
+    """
+
+    name: str
+    state: State
+    shift: float = float("nan")
+    turn: float = float("nan")
+    shift_sigma: float = float("nan")
+    turn_sigma: float = float("nan")
+    chance: float = float("nan")
+    found: float = float("nan")
+    instead: tuple[str, ...] = ()
+    why: str = ""
+    covariance: Array = field(default_factory=lambda: np.full((6, 6), np.nan))
+
+
+def find_moved(
+    rig: Rig, rectangles: Sequence[Rectangle], views: Sequence[View], false_alarms: float = 0.01
+) -> tuple[CameraMove, ...]:
+    """One answer for each camera of the rig, in its order.
+
+    false_alarms: the chance that any camera of a rig that did not move is called moved. Rectangles may have been put
+    elsewhere; a motion of all cameras together is not seen. Where several moved, the one that explains most is found
+    first and the others are tested without it. Raises QuadrigError where false_alarms is no chance.
+    """
+    names = [camera.name for camera in rig.cameras]
+    if not 0 < false_alarms < 1:
+        raise QuadrigError(f"a chance of false alarms of {false_alarms} is none; give a number between 0 and 1")
+    problem = _problem(rig, rectangles, views)
+    groups = [group for group in components(problem) if len(group) > 1]
+    if not groups:
+        return tuple(CameraMove(name, "cannot tell", why=_why_not(name, problem)) for name in names)
+    largest = {problem.cameras[i].name for i in max(groups, key=len)}
+    kept = [view for view in problem.views if view.camera in largest]
+    joined = build_problem(
+        [camera for camera in problem.cameras if camera.name in largest], list(problem.rectangles.values()), kept
+    )
+    tests = _greedy(_evidence(rig, joined), len(largest), false_alarms)
+    answers = {test.name: test for test in tests}
+    return tuple(answers.get(n) or CameraMove(n, "cannot tell", why=_why_not(n, problem)) for n in names)
+
+
+def _problem(rig: Rig, rectangles: Sequence[Rectangle], views: Sequence[View]) -> Problem:
+    inputs = [
+        CameraInput(c.name, c.intrinsics.width, c.intrinsics.height, c.intrinsics, fixed=True) for c in rig.cameras
+    ]
+    known = {camera.name for camera in inputs}
+    # Surveyed or not, a rectangle is only something that several cameras see at once: it may stand elsewhere now.
+    loose = [replace(rectangle, world_from_rect=None) for rectangle in rectangles]
+    return build_problem(inputs, loose, [view for view in views if view.camera in known])
+
+
+def _why_not(name: str, problem: Problem) -> str:
+    if all(view.camera != name for view in problem.views):
+        return f"{name} sees no rectangle in this recording; show it one that others see too"
+    return (
+        f"{name} sees no rectangle at the same time as the other cameras; show one to it and another camera at once"
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Evidence:
+    """b and M over the cameras' twists, names in order; stored and level: where the rig has each camera, and how far
+    off what it sees is (m)."""
+
+    names: tuple[str, ...]
+    score: Array
+    information: Array
+    stored: tuple[Pose, ...]
+    distance: Array
+
+
+def _evidence(rig: Rig, problem: Problem) -> _Evidence:
+    begin = start(problem)
+    first = first_rig(problem, begin.candidates, 0)
+    joint = solve_jointly(problem, begin, first, np.arange(len(problem.cameras)) == 0)
+    stored = tuple(rig.camera(camera.name).rig_from_camera for camera in problem.cameras)
+    joint = _aligned(joint, stored)
+    matrix, gradient, columns = _new_information(rig, problem, joint)
+    size, count = len(columns) + 6, len(problem.cameras)
+    step = np.zeros((count, size))
+    found = joint.adjustment.state.camera_from_rig
+    for row, rig_from_camera in enumerate(stored):
+        step[row, len(columns) :] = _twist(found[row].inverse() @ rig_from_camera.inverse())
+    score = gradient - matrix @ step.ravel()
+    doubt = _stored_covariance(rig, problem, columns)
+    unit = np.eye(len(matrix))
+    information = matrix @ np.linalg.inv(unit + doubt @ matrix)
+    seen = np.linalg.solve(unit + matrix @ doubt, score)
+    poses = (np.arange(count)[:, None] * size + len(columns) + np.arange(6)).ravel()
+    return _Evidence(
+        tuple(camera.name for camera in problem.cameras),
+        seen[poses],
+        information[np.ix_(poses, poses)],
+        stored,
+        _distances(problem, joint),
+    )
+
+
+def _aligned(joint: Joint, stored: tuple[Pose, ...]) -> Joint:
+    """The new rig moved into the frame of the stored one by the camera that leaves the others least astray."""
+    state = joint.adjustment.state
+    rig_from_camera = state.camera_from_rig.inverse()
+    best, least = Pose.identity(), np.inf
+    for row, pose in enumerate(stored):
+        old_from_new = pose @ rig_from_camera[row].inverse()
+        moved = [pose.step_to(old_from_new @ rig_from_camera[i]) for i, pose in enumerate(stored)]
+        astray = float(np.median([np.linalg.norm(step[3:]) for i, step in enumerate(moved) if i != row]))
+        if astray < least:
+            best, least = old_from_new, astray
+    aligned = replace(
+        state,
+        camera_from_rig=state.camera_from_rig @ best.inverse(),
+        rig_from_rect=best @ state.rig_from_rect,
+        motion=None,
+        offsets=None,
+    )
+    return replace(joint, adjustment=replace(joint.adjustment, state=aligned))
+
+
+def _new_information(rig: Rig, problem: Problem, joint: Joint) -> tuple[Array, Array, Array]:
+    """H, g and the lens columns at the new rig, every lens that the stored rig estimated and every pose free."""
+    free = np.array(
+        [[name in rig.camera(camera.name).free_lens for name in LENS_PARAMETERS] for camera in problem.cameras]
+    )
+    nothing = np.zeros_like(joint.freedom.prior_information)
+    opened = replace(joint.freedom, lens=free, pose=np.ones(len(free), bool), prior_information=nothing)
+    found = adjust(joint.observations, joint.adjustment.state, opened, joint.noise, most_steps=0)
+    reduced = undamped(found, opened)
+    matrix, unknown = dense_matrix(reduced), reduced.free.ravel()
+    matrix[~unknown, ~unknown] = 0.0
+    return matrix, np.where(unknown, reduced.gradient.ravel(), 0.0), found.columns
+
+
+def _stored_covariance(rig: Rig, problem: Problem, columns: Array) -> Array:
+    """The stored rig's covariance over lens columns and twists of its cameras, in the order of the problem."""
+    size = len(columns) + 6
+    spread = np.zeros((len(problem.cameras) * size, len(rig.covariance)))
+    for row, camera in enumerate(problem.cameras):
+        begin, lens = rig.camera_index(camera.name) * CAMERA_PARAMETERS, len(LENS_PARAMETERS)
+        spread[row * size + np.arange(len(columns)), begin + columns] = 1.0
+        twist_by_step = np.linalg.inv(step_by_camera_twist(rig.camera(camera.name).rig_from_camera))
+        spread[row * size + len(columns) : (row + 1) * size, begin + lens : begin + CAMERA_PARAMETERS] = twist_by_step
+    return spread @ rig.covariance @ spread.T
+
+
+def _twist(pose: Pose) -> Array:
+    """The twist (6,) whose exponential is the pose, to second order: moves are small beside a radian."""
+    turn = pose.rotation_vector()
+    return np.concatenate([turn, pose.translation - np.cross(turn, pose.translation) / 2])
+
+
+def _distances(problem: Problem, joint: Joint) -> Array:
+    """Median distance (C,) from each camera of the rectangles that it saw, m."""
+    depth = joint.adjustment.state.camera_from_rect(joint.observations).translation[:, 2]
+    return np.array([np.median(depth[problem.camera == row]) for row in range(len(problem.cameras))])
+
+
+def _greedy(evidence: _Evidence, cameras: int, false_alarms: float) -> list[CameraMove]:
+    from scipy.stats import chi2
+
+    # Every camera is tested, and any of them may raise the alarm: each has its share of the chance.
+    limit = float(chi2.isf(false_alarms / cameras, _FREEDOMS))
+    moved: list[int] = []
+    instead: dict[int, tuple[str, ...]] = {}
+    # One camera at least must stay: moves are told against it.
+    while len(moved) < cameras - 1:
+        gains = np.array([-np.inf if i in moved else _gain(evidence, moved, i) for i in range(cameras)])
+        best = int(np.argmax(gains))
+        if gains[best] < limit:
+            break
+        near = [i for i in range(cameras) if i != best and gains[i] > max(gains[best] - _AMBIGUOUS, limit)]
+        instead[best] = tuple(evidence.names[i] for i in near)
+        moved.append(best)
+    found = _found_sigmas(limit)
+    answers = []
+    for index in range(cameras):
+        rivals = [i for i in moved if evidence.names[index] in instead[i]]
+        others = [i for i in moved if i != index and i not in rivals]
+        answer = _answer(evidence, others, index, found)
+        if index in moved:
+            answer = replace(answer, state="moved", instead=instead[index], why="")
+        elif rivals:
+            rival = evidence.names[rivals[0]]
+            answer = replace(
+                answer, state="cannot tell", why=f"a move of it or of {rival} explains the Views as well"
+            )
+        answers.append(answer)
+    return answers
+
+
+def _found_sigmas(limit: float) -> float:
+    """Of how many sigmas a shift is that passes the limit with the power promised."""
+    from scipy.optimize import brentq
+    from scipy.stats import ncx2
+
+    return float(np.sqrt(brentq(lambda centre: ncx2.sf(limit, _FREEDOMS, centre) - _POWER, 0.1, 1e3)))
+
+
+def _gain(evidence: _Evidence, others: list[int], index: int) -> float:
+    """Fall of chi-square when a camera may have moved, where the others in the list may have, too."""
+    return _fall(evidence, [*others, index]) - _fall(evidence, others)
+
+
+def _fall(evidence: _Evidence, cameras: list[int]) -> float:
+    if not cameras:
+        return 0.0
+    rows = _rows(cameras)
+    score = evidence.score[rows]
+    return float(score @ np.linalg.pinv(evidence.information[np.ix_(rows, rows)], hermitian=True) @ score)
+
+
+def _rows(cameras: list[int]) -> Array:
+    return (np.array(cameras)[:, None] * 6 + np.arange(6)).ravel()
+
+
+def _answer(evidence: _Evidence, others: list[int], index: int, sigmas: float) -> CameraMove:
+    """What is told of one camera where the others in the list may have moved. sigmas: of a shift surely found."""
+    from scipy.stats import chi2
+
+    rows = _rows([*others, index])
+    covariance = np.linalg.pinv(evidence.information[np.ix_(rows, rows)], hermitian=True)
+    twist = (covariance @ evidence.score[rows])[-6:]
+    stored, name = evidence.stored[index], evidence.names[index]
+    step = stored.step_to(Pose.from_twist(twist).inverse() @ stored)
+    jacobian = step_by_camera_twist(stored)
+    doubt = jacobian @ covariance[-6:, -6:] @ jacobian.T
+    turn_doubt, shift_doubt = np.linalg.eigvalsh(doubt[:3, :3]), np.linalg.eigvalsh(doubt[3:, 3:])
+    found, turn_found = (sigmas * float(np.sqrt(max(part.max(), 0))) for part in (shift_doubt, turn_doubt))
+    blind = found > _TELLS_NOTHING * evidence.distance[index] or turn_found > _TELLS_NOTHING
+    return CameraMove(
+        name,
+        "cannot tell" if blind else "unmoved",
+        float(np.linalg.norm(step[3:])),
+        float(np.linalg.norm(step[:3])),
+        float(np.sqrt(max(shift_doubt.sum(), 0))),
+        float(np.sqrt(max(turn_doubt.sum(), 0))),
+        float(chi2.sf(_gain(evidence, others, index), _FREEDOMS)),
+        found,
+        why=f"it would have to move by {found:.2g} m to be noticed; show more rectangles to it" if blind else "",
+        covariance=doubt,
+    )
