@@ -80,8 +80,8 @@ def slack_variances(softened: Softened, by_node: Array, node_covariance: Array) 
     """Variances (V, 6) of the slack, with the doubt of the rectangle poses that it is reckoned from.
 
     by_node (V, 6, 6): derivative of the chained camera_from_rect by its node's twist; node_covariance (V, 6, 6): of
-    that twist. Without it a rectangle pose that one View alone sees would follow that View, and its slack would seem to be
-    none (restricted against plain maximum likelihood; Patterson and Thompson 1971).
+    that twist. Without it a rectangle pose that one View alone sees would follow that View, and its slack would seem
+    to be none (restricted against plain maximum likelihood; Patterson and Thompson 1971).
     """
     lens = softened.gram.shape[-1] - 7
     passed = softened.inverse @ softened.rows[:, :, lens : lens + 6] @ by_node
