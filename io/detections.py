@@ -81,7 +81,7 @@ def find_detections(
     reused = sum(len(framesets.of_camera(camera.name)[1]) for camera in recording.cameras) - searched
     if batches:
         _search(recording, batches, found, keys, progress, workers, cache, executor)
-    return Detections(_in_order(framesets, found), searched, reused, _unreadable(framesets, found))
+    return Detections(_in_order(recording, framesets, found), searched, reused, _unreadable(framesets, found))
 
 
 def search_images(source: ImageSource, rectangles: Sequence[Rectangle]) -> list[tuple[View, ...] | None]:
@@ -139,13 +139,16 @@ def _search(
         raise
 
 
-def _in_order(framesets: Framesets, found: Found) -> list[View]:
+def _in_order(recording: Recording, framesets: Framesets, found: Found) -> list[View]:
+    """Views by frameset, with the time of their image in seconds since the first frameset."""
+    stamps = {camera.name: camera.stamps for camera in recording.cameras}
     views = []
     for column, camera in enumerate(framesets.cameras):
         sets, images = framesets.of_camera(camera)
         for frameset, image in zip(sets.tolist(), images.tolist(), strict=True):
+            time = (int(stamps[camera][image]) - int(framesets.times[0])) / 1e9
             for view in found.get((camera, image)) or ():
-                views.append((frameset, column, replace(view, camera=camera, frameset=frameset)))
+                views.append((frameset, column, replace(view, camera=camera, frameset=frameset, time=time)))
     return [view for _, _, view in sorted(views, key=lambda entry: entry[:2])]
 
 
