@@ -15,7 +15,7 @@ import numpy as np
 from quadrig.io.beside import written_beside
 from quadrig.io.demo_scene import Scene, demo_scene
 from quadrig.io.progress import progress_bar
-from quadrig.io.record import _writer
+from quadrig.io.record import image_writer
 from quadrig.io.workers import run_tasks
 from quadrig.single.pose import Pose
 from quadrig.single.render import Sheet, backdrop, ray_grid, render
@@ -92,7 +92,7 @@ def render_recording(output: Path) -> None:
             advance(1)
             found.update({(frameset, tasks[index].camera): data for frameset, data in pictures})
     with written_beside(output) as beside, beside.open("wb") as stream:
-        write, finish = _writer(stream, "foxglove")
+        write, finish = image_writer(stream, "foxglove")
         for frameset, camera in sorted(found):
             stamp = START + round(frameset * PERIOD * 1e9)
             write(f"cam{camera}", stamp, "jpeg", found[frameset, camera])

@@ -4,7 +4,9 @@ Views of one place repeat each other's systematic errors (the lens where it was 
 moving sheet was caught), so that a tenth of the images, well chosen, tells nearly what all of them tell.
 """
 
+import warnings
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -12,6 +14,8 @@ from quadrig.single.rotation import Array
 
 # A neighbourhood in which sharpness is compared: longer, and a scene's change would count as blur.
 _NEIGHBOURS = 10
+# The greedy choice compares all with all: of more framesets than this, only the best of each short stretch take part.
+_MOST_CANDIDATES = 1500
 # Fewer framesets than this are too few for a rig, whatever the share.
 LEAST = 12
 
@@ -39,16 +43,30 @@ def choose_framesets(looks: Looks, share: float) -> Array:
     if wanted >= count:
         return np.arange(count)
     quality = image_quality(looks)
-    features = _features(looks.thumbnails)
+    candidates = _best_of_each_slot(quality.sum(axis=1), max(_MOST_CANDIDATES, 2 * wanted))
+    chosen = _spread_out(quality[candidates], _features(looks.thumbnails)[candidates], wanted)
+    return np.sort(candidates[chosen])
+
+
+def _spread_out(quality: Array, features: Array, wanted: int) -> Array:
+    """Indices of the farthest points (S, C, D), weighted by quality (S, C)."""
     chosen = [int(np.argmax(quality.sum(axis=1)))]
-    distance = np.full(quality.shape, np.inf)
+    distance = np.full(quality.shape, np.finfo(float).max)
     while len(chosen) < wanted:
         apart = features - features[chosen[-1]]
         distance = np.minimum(distance, np.sqrt(np.mean(apart * apart, axis=2)))
         gain = (quality * distance).sum(axis=1)
         gain[chosen] = -1.0
         chosen.append(int(np.argmax(gain)))
-    return np.sort(np.array(chosen))
+    return np.array(chosen)
+
+
+def _best_of_each_slot(quality: Array, slots: int) -> Array:
+    """Index of the best of the framesets (S,) in each of so many stretches of time; all where they are no more."""
+    if len(quality) <= slots:
+        return np.arange(len(quality))
+    edges = np.linspace(0, len(quality), slots + 1).round().astype(int)
+    return np.array([begin + int(np.argmax(quality[begin:end])) for begin, end in pairwise(edges.tolist())])
 
 
 def image_quality(looks: Looks) -> Array:
@@ -58,6 +76,8 @@ def image_quality(looks: Looks) -> Array:
     with np.errstate(all="ignore"):
         usual = np.nan_to_num(np.array([_median(column) for column in motion.T]))
         stillness = 1 / (1 + (motion / np.where(usual > 0, usual, 1.0)) ** 2)
+        # Of an image without neighbours nobody knows whether it moved: as likely as not.
+        stillness = np.where(np.isnan(motion), 0.5, stillness)
         sharpness = (looks.sharpness / _greatest_near(looks.sharpness)) ** 2
     return np.nan_to_num(stillness * sharpness)
 
@@ -73,7 +93,11 @@ def _motion(thumbnails: Array) -> Array:
 def _features(thumbnails: Array) -> Array:
     """(S, C, D) what tells images apart: each camera's thumbnails against their median over time."""
     count, cameras = thumbnails.shape[:2]
-    flat = np.nan_to_num(thumbnails - np.nanmedian(thumbnails, axis=0)).reshape(count, cameras, -1)
+    with warnings.catch_warnings():
+        # A camera without any image has no median, which is as it should be.
+        warnings.simplefilter("ignore", RuntimeWarning)
+        usual = np.nanmedian(thumbnails, axis=0)
+    flat = np.nan_to_num(thumbnails - usual).reshape(count, cameras, -1)
     scale = np.sqrt(np.mean(flat * flat, axis=(0, 2), keepdims=True))
     # A camera that sees nothing change counts nothing, rather than its noise counting as much as a moving board.
     return (flat / np.maximum(scale, 1.0)).astype(np.float32)
