@@ -1,13 +1,13 @@
 """Tags: which squares of a dictionary are in an image, and their corners to sub-pixel accuracy."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from functools import lru_cache
 
 import cv2
 import numpy as np
 
 from .dictionaries import canonical_dictionary, check_tag_id, tag_dictionary
-from .rectangle import Rectangle, TagMarking
+from .rectangle import Marking, Rectangle, TagMarking
 from .rotation import Array
 from .subpixel import EdgeFit, fit_outline
 from .view import View
@@ -66,17 +66,18 @@ def find_tags(
     dictionary: str,
     wanted: Iterable[int] | None = None,
     boards: Iterable[frozenset[int]] = (),
+    quick: bool = False,
 ) -> dict[int, list[Array]]:
     """Rough corners (4, 2) px, top left first and clockwise on the printed tag, of every tag seen, by id.
 
     wanted: the ids that matter; all of the dictionary where None. Passes over the image go from quick to slow, and
     to smaller images, where blur counts less, until all wanted tags are found; of the tags of a board (one set of
-    ids each), until half of them are.
+    ids each), until half of them are. quick: the first pass only, which finds nearly all that the others find.
     """
     boards = tuple(boards)
     missing = None if wanted is None else tuple(sorted(set(wanted)))
     found: dict[int, list[Array]] = {}
-    for scale, windows in _passes(max(grey.shape)):
+    for scale, windows in _passes(max(grey.shape))[: 1 if quick else None]:
         image = cv2.resize(grey, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA) if scale < 1 else grey
         for tag_id, quads in _find_once(image, dictionary, missing, windows).items():
             if tag_id not in found:
@@ -135,6 +136,41 @@ def detect_tags(grey: Array, rectangles: Sequence[Rectangle], found: dict[int, l
         for (rectangle, _), quad, s, good in zip(seen, corners, sigma, sure, strict=True)
         if good
     ]
+
+
+def track_tags(grey: Array, rectangles: Sequence[Rectangle], near: Mapping[str, View]) -> list[View]:
+    """Views of the tags, all of one dictionary, that are within a few pixels of where they were seen before.
+
+    near: earlier Views by rectangle. A tag must read as itself where it is found.
+    """
+    known = [r for r in rectangles if r.name in near and len(near[r.name].pixels) == 4]
+    if not known:
+        return []
+    found: dict[int, list[Array]] = {}
+    for rectangle in known:
+        assert isinstance(rectangle.marking, TagMarking)
+        found[rectangle.marking.id] = [near[rectangle.name].pixels[_EQ4_FROM_OPENCV]]
+    views = detect_tags(grey, known, found)
+    markings = {r.name: r.marking for r in known}
+    return [view for view in views if _reads_as(grey, view.pixels[_EQ4_FROM_OPENCV], markings[view.rectangle])]
+
+
+def _reads_as(grey: Array, corners: Array, marking: Marking) -> bool:
+    """Whether the cells within the corners (4, 2), top left first, show this tag's own bits."""
+    assert isinstance(marking, TagMarking)
+    dictionary = tag_dictionary(marking.dictionary)
+    cells = dictionary.markerSize + 2
+    bits = cv2.aruco.generateImageMarker(dictionary, marking.id, cells)[1:-1, 1:-1] > 127
+    unit = np.array([[0, 0], [cells, 0], [cells, cells], [0, cells]], np.float32)
+    image_from_cell = cv2.getPerspectiveTransform(unit, corners.astype(np.float32))
+    inner = np.arange(1, cells - 1) + 0.5
+    grid = np.stack(np.meshgrid(inner, inner), axis=-1).reshape(-1, 2)
+    values = _sampled(grey, image_from_cell, grid)
+    along = np.arange(cells) + 0.5
+    black = np.nanmedian(_sampled(grey, image_from_cell, _ring(along, 0.5, cells - 0.5)))
+    white = np.nanmedian(_sampled(grey, image_from_cell, _ring(along, -0.35, cells + 0.35)))
+    wrong = np.count_nonzero((values > (black + white) / 2) != bits.ravel())
+    return wrong <= dictionary.maxCorrectionBits
 
 
 def refine_tags(grey: Array, rough: Array, cells: int) -> tuple[Array, Array, Array]:
