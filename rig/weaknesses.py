@@ -14,6 +14,8 @@ _FEW_VIEWS = 5
 _WORSE_LEFT_OUT = 1.5
 # Less than this (px) is beyond what any detector promises.
 _NOTABLE = 0.1
+# Clocks that agree this well (s) displace a hand-held rectangle by less than a corner's noise.
+_NOTABLE_OFFSET = 0.003
 # The share of a picture (in a grid of 4 x 4) below which the lens is a guess outside of what was covered.
 _LITTLE_COVER = 0.4
 _GRID = 4
@@ -46,6 +48,12 @@ def _of_camera(rig: Rig, camera: Camera) -> list[str]:
     if camera.views < _FEW_VIEWS:
         sentences.append(
             f"{camera.name}: rests on {camera.views} View{'s' if camera.views != 1 else ''}; show it more"
+        )
+    if abs(camera.clock_offset) > _NOTABLE_OFFSET:
+        when = "later" if camera.clock_offset > 0 else "earlier"
+        sentences.append(
+            f"{camera.name}: takes its pictures {1000 * abs(camera.clock_offset):.0f} ms {when} than its stamps say, against "
+            "the mean of the cameras; allowed for here, but other software will not know"
         )
     cover = coverage(rig.fits, camera)
     if len(camera.free_lens) > 3 and cover < _LITTLE_COVER:
