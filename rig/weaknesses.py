@@ -52,8 +52,8 @@ def _of_camera(rig: Rig, camera: Camera) -> list[str]:
     if abs(camera.clock_offset) > _NOTABLE_OFFSET:
         when = "later" if camera.clock_offset > 0 else "earlier"
         sentences.append(
-            f"{camera.name}: takes its pictures {1000 * abs(camera.clock_offset):.0f} ms {when} than its stamps say, against "
-            "the mean of the cameras; allowed for here, but other software will not know"
+            f"{camera.name}: takes its pictures {1000 * abs(camera.clock_offset):.0f} ms {when} than its stamps say, "
+            "against the mean of the cameras; allowed for here, but other software will not know"
         )
     cover = coverage(rig.fits, camera)
     if len(camera.free_lens) > 3 and cover < _LITTLE_COVER:
