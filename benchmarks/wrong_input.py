@@ -128,22 +128,9 @@ def main() -> None:
         for kind, rows in pool.imap_unordered(one, [(seed, kind) for kind in KINDS for seed in range(rigs)]):
             for row in rows:
                 gathered[kind, row[0]].append(row[1:])
-    table = Table(
-        title=f"{SHARE:.0%} of the Views wrong, {rigs} rigs of each kind: mean errors against the clean ones"
-    )
-    columns = (
-        "rigs",
-        "fault",
-        "focal %",
-        "deg",
-        "mm",
-        "ratios",
-        "Views named",
-        "corners named",
-        "good ones out",
-        "failed",
-    )
-    for column in columns:
+    table = Table(title=f"{SHARE:.0%} of the Views wrong, {rigs} rigs of each kind: mean errors, over the clean ones")
+    counts = ("Views named", "outnumbered ones", "corners named", "good ones out", "failed")
+    for column in ("rigs", "fault", "focal %", "deg", "mm", "ratios", *counts):
         table.add_column(column, justify="right")
     for (kind, fault), rows in gathered.items():
         good = [row for row in rows if row[0] is not None]
