@@ -27,6 +27,10 @@ _SETTLED = 1e-5
 _STEPS = 60
 # An offset is one number of thousands of points: more framesets than this make it no surer than it need be.
 _MOST_FRAMESETS = 100
+# Clocks of one recording differ by less than this, s: it keeps offsets finite where nothing moves.
+_PRIOR_SIGMA = 1.0
+# An offset whose sigma is more than this part of the interval between images is not known; zero is as good.
+_KNOWN = 0.25
 # Residuals are weighted down beyond this many sigmas (Huber 1964): while clocks are wrong, most of them.
 _HUBER = 3.0
 # The valley of a clock and a focal is narrow: much damping means many steps along it.
@@ -153,8 +157,11 @@ def estimate_clocks(rig: Rig, paths: Paths, stamps: Array, names: tuple[str, ...
                 break
     offsets, sigmas = clocks.offsets.copy(), clocks.sigmas.copy()
     places = [names.index(name) for name in scene.names]
-    offsets[places] = state.offsets - state.offsets[0]
-    sigmas[places] = linear.sigmas()[scene.columns[:-1]]
+    found = linear.sigmas()[scene.columns[:-1]]
+    interval = min(path.interval for path in paths.values())
+    known = found < _KNOWN * interval
+    offsets[places] = np.where(known, state.offsets, 0.0)
+    sigmas[places] = np.where(known, found, np.inf)
     return Clocks(names, offsets, sigmas)
 
 
@@ -263,6 +270,9 @@ def _linearised(scene: _Scene, state: _State) -> _Linear:
             losses[board, camera] = loss
     held = np.diag(normal) == 0
     held[:7] = True
+    clocks = columns[:-1]
+    normal[clocks, clocks] += _PRIOR_SIGMA**-2
+    right[clocks] -= state.offsets * _PRIOR_SIGMA**-2
     return _Linear(normal, right, coupling, own, own_right, held, losses)
 
 
