@@ -36,7 +36,9 @@ def rig_blueprint(rig: Rig) -> Any:
     verdict = rrb.TextDocumentView(origin="verdict", name="verdict")
     return rrb.Blueprint(
         rrb.Horizontal(
-            rrb.Vertical(_space(rig), rrb.Grid(*pictures, grid_columns=_columns(len(pictures))), row_shares=[3, 2]),
+            rrb.Vertical(
+                space_view(rig), rrb.Grid(*pictures, grid_columns=_columns(len(pictures))), row_shares=[3, 2]
+            ),
             rrb.Vertical(
                 verdict,
                 rrb.Horizontal(
@@ -63,7 +65,8 @@ def _picture(name: str) -> Any:
     return rrb.Spatial2DView(origin=f"space/cameras/{name}", name=name, background=_GROUND)
 
 
-def _space(rig: Rig) -> Any:
+def space_view(rig: Rig) -> Any:
+    """The rig in space, seen from where rig_geometry.first_eye looks."""
     import rerun.blueprint as rrb
 
     eye = first_eye(rig)
