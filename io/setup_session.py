@@ -120,6 +120,7 @@ class SetupSession:
         self._shown = _Shown()
         self._solved, self._rest_until, self._begun = 0, 0.0, 0.0
         self._framesets = 0
+        self._seen_since: frozenset[str] = frozenset()
 
     def run(self) -> SetupResult:
         """Capture, search, solve and coach until the end; the recording is closed whatever happens."""
@@ -212,7 +213,7 @@ class SetupSession:
             now = time.monotonic()
             self._solution = solution
             if solution.rig is not None and len(solution.rig.cameras) == len(self._names):
-                self._coach = self._coach.hear(solution.advice, solution.rig, now)
+                self._coach = self._coach.hear(solution.advice, self._take_shown(), now)
             if solution.fault is not None:
                 self._keeper.blame(solution.fault)
             self._rest_until = now + _REST * (now - self._begun)
@@ -227,10 +228,16 @@ class SetupSession:
             situation = Situation(
                 self._names, self._rectangles, tuple(self._keeper.views), refused_pairs=self._coach.refused_pairs
             )
-            self._coach = self._coach.hear(advise(situation), None, time.monotonic())
+            self._coach = self._coach.hear(advise(situation), self._take_shown(), time.monotonic())
+
+    def _take_shown(self) -> frozenset[str]:
+        """The cameras that something new was shown since the coach last heard of it."""
+        shown, self._seen_since = self._seen_since, frozenset()
+        return shown
 
     def _note(self, kept: Kept) -> None:
         if kept.views:
+            self._seen_since = self._seen_since | {view.camera for view in kept.views}
             self._recorder.note(kept.stamp, encode_views(kept.frameset, kept.views, self._sizes))
 
     def _keep_last(self) -> None:

@@ -17,6 +17,7 @@ from .next_view import (
     expected_drop,
     expected_drop_in_hand,
     imagine,
+    own_variance,
     seen,
     within_reach,
 )
@@ -25,8 +26,6 @@ from .working_accuracy import covered_points
 
 AdviceKind = Literal["show", "connect", "tilt", "region", "share", "nearer", "farther", "done"]
 
-# Views a camera needs before its focal and place mean anything at all.
-_FIRST_VIEWS = 2
 # Placements as near as this to one the person could not reach are not asked for again.
 _REFUSED_METRES = 0.35
 # A ghost counts as reached when the sheet's middle is this near and it is turned this little away: a placement
@@ -34,6 +33,8 @@ _REFUSED_METRES = 0.35
 _REACHED_METRES, _REACHED_ANGLE = 0.12, np.deg2rad(20)
 # Two cameras that saw this many sheets together need not be told again to share.
 _ENOUGH_COMMON = 3
+# A new place may be so many times less sure (variance) than the mean of the volume covered so far.
+_WIDER_DOUBT = 3.0
 _REGION_WORDS = {
     (-1, -1): "upper left corner", (0, -1): "upper edge", (1, -1): "upper right corner",
     (-1, 0): "left edge", (0, 0): "middle", (1, 0): "right edge",
@@ -77,9 +78,8 @@ class Situation:
 def advise(situation: Situation) -> Advice:
     """The one sentence that lowers the doubt most: show, connect, then the best next placement, then done."""
     rig = situation.rig
-    unseen = _not_shown(situation)
-    if unseen is not None:
-        return unseen
+    if len(situation.cameras) == 1 or not situation.views:
+        return _first(situation)
     parts = connected(situation.cameras, situation.views, situation.rectangles)
     if len(parts) > 1:
         return _connect(situation, parts)
@@ -126,37 +126,35 @@ def connected(
     return tuple(sorted((tuple(part) for part in parts.values()), key=lambda part: (-len(part), part)))
 
 
-def _not_shown(situation: Situation) -> Advice | None:
-    """The camera that has seen least, while some have seen nothing to speak of."""
-    counts = dict.fromkeys(situation.cameras, 0)
-    for view in situation.views:
-        if view.camera in counts:
-            counts[view.camera] += 1
-    fewest = min(counts, key=lambda camera: (counts[camera], situation.cameras.index(camera)))
-    if counts[fewest] >= _FIRST_VIEWS:
-        return None
-    if counts[fewest]:
-        return Advice("tilt", f"{fewest}: tilt the sheet and show it again", (fewest,))
-    return Advice("show", f"{fewest} has not seen the sheet yet: hold it in front of {fewest}", (fewest,))
+def _first(situation: Situation) -> Advice:
+    """Before anything was seen; and all that can be said to somebody with one camera."""
+    first = situation.cameras[0]
+    if len(situation.cameras) == 1:
+        return Advice("show", f"hold the sheet in front of {first}, tilted this way and that", (first,))
+    if len(situation.cameras) == 2:
+        pair = situation.cameras
+        return Advice("connect", f"hold the sheet where {pair[0]} and {pair[1]} both see it", pair)
+    return Advice("connect", f"hold the sheet where {first} and the camera next to it both see it", (first,))
 
 
 def _connect(situation: Situation, parts: Sequence[tuple[str, ...]]) -> Advice:
-    """The pair of cameras of different groups that is likeliest to see one sheet together."""
-    pairs = [
-        (a, b)
-        for k, part in enumerate(parts)
-        for other in parts[k + 1 :]
-        for a in part
-        for b in other
-        if frozenset((a, b)) not in situation.refused_pairs
-    ]
-    if not pairs:
-        pairs = [(a, b) for a in parts[0] for part in parts[1:] for b in part]
-    first, second = min(pairs, key=lambda pair: _apart(situation, *pair))
+    """The cameras of different groups that should see one sheet together.
+
+    Somebody in the room sees which camera stands next to a lone one; of two groups the pair is named that is
+    likeliest to have a place in common.
+    """
+    lone = [part[0] for part in parts[1:] if len(part) == 1 and frozenset(part) not in situation.refused_pairs]
+    if lone and len(situation.cameras) > 2:
+        seen_by = {view.camera for view in situation.views}
+        camera = min(lone, key=lambda name: (name in seen_by, situation.cameras.index(name)))
+        said = "shares nothing with the others" if camera in seen_by else "has not seen the sheet"
+        where = f"where {camera} and the camera next to it both see it"
+        return Advice("connect", f"{camera} {said} yet: hold the sheet {where}", (camera,))
+    pairs = [(a, b) for k, part in enumerate(parts) for other in parts[k + 1 :] for a in part for b in other]
+    open_pairs = [pair for pair in pairs if frozenset(pair) not in situation.refused_pairs]
+    first, second = min(open_pairs or pairs, key=lambda pair: _apart(situation, *pair))
     return Advice(
-        "connect",
-        f"{first} and {second} share nothing yet: hold the sheet where both see it",
-        (first, second),
+        "connect", f"{first} and {second} share nothing yet: hold the sheet where both see it", (first, second)
     )
 
 
@@ -192,6 +190,7 @@ def best_placement(situation: Situation, rig: Rig) -> Advice | None:
         sees = seen(rig.cameras, placements)
         exact = expected_drop(rig.cameras, rig.covariance, weight, placements, sees, _noise(rig))
         held = expected_drop_in_hand(rig.cameras, rig.covariance, weight, placements, exact, _noise(rig))
+        held *= _worth_answering_for(rig, placements, sees, volume, before, held)
         chosen = int(np.argmax(held))
         if best is None or held[chosen] > best[0]:
             best = (float(held[chosen]), placements, sees, exact, chosen)
@@ -199,9 +198,24 @@ def best_placement(situation: Situation, rig: Rig) -> Advice | None:
         return None
     drop, placements, sees, drops, chosen = best
     kind, sentence, concerned = _why(situation, rig, placements, sees, drops, chosen, weight)
-    after = float(np.sqrt(max(before - drop, 0)))
     ghost = placements.rig_from_rect[chosen]
-    return Advice(kind, sentence, concerned, placements.rectangle.name, ghost, after)
+    return Advice(kind, sentence, concerned, placements.rectangle.name, ghost, float(np.sqrt(max(before - drop, 0))))
+
+
+def _worth_answering_for(
+    rig: Rig, placements: Placements, sees: Array, volume: Array, before: float, held: Array
+) -> Array:
+    """Which placements (B,) leave the covered volume one that can be answered for; all where none does.
+
+    A placement far out, where the rig will know little even afterwards, lowers the doubt of the middle but widens
+    the volume by more than that.
+    """
+    worth = np.zeros(len(placements), bool)
+    helps = np.flatnonzero(held > 0)
+    if len(helps):
+        own, count = own_variance(rig.cameras, rig.covariance, volume, placements[helps], sees[helps], _noise(rig))
+        worth[helps] = own <= _WIDER_DOUBT * count * np.maximum(before - held[helps], 0)
+    return worth if worth.any() else np.ones(len(placements), bool)
 
 
 def _in_hand(rectangles: Sequence[Rectangle]) -> list[Rectangle]:

@@ -12,7 +12,7 @@ import numpy as np
 
 from quadrig.single.pose import Pose
 from quadrig.single.rectangle import CharucoMarking, ChessboardMarking, Rectangle, rectangle_corners
-from quadrig.single.rotation import Array, rotation_from_vector
+from quadrig.single.rotation import Array, cross_matrix, rotation_from_vector
 
 from .information import camera_derivatives, rectangle_derivatives, triangulation_derivatives, visible
 from .result import CAMERA_PARAMETERS, Camera
@@ -190,6 +190,16 @@ def expected_drop(
     sigma: float,
 ) -> Array:
     """By how much (B,) each placement, once seen, lowers trace(weight covariance), m^2. sees (B, C); sigma in px."""
+    rows, places, noise = _told(cameras, placements, sees, sigma)
+    doubt = covariance[places[:, :, None], places[:, None, :]]
+    target = (covariance @ weight @ covariance)[places[:, :, None], places[:, None, :]]
+    turned = np.swapaxes(rows, -1, -2)
+    drop = np.linalg.solve(rows @ doubt @ turned + noise, rows @ target @ turned)
+    return np.where(sees.any(1), np.trace(drop, axis1=-2, axis2=-1), 0.0)
+
+
+def _told(cameras: Sequence[Camera], placements: Placements, sees: Array, sigma: float) -> tuple[Array, Array, Array]:
+    """What each placement tells: rows (B, n, m) on the parameters at `places` (B, m); their noise (n, n), px^2."""
     points, factor = planning_points(placements.rectangle)
     chosen = np.argsort(~sees, axis=1, kind="stable")[
         :, : min(_MOST_CAMERAS, max(1, int(sees.sum(1).max(initial=1))))
@@ -200,12 +210,46 @@ def expected_drop(
     basis = np.linalg.qr(by_rectangle)[0]
     rows = by_cameras - basis @ (np.swapaxes(basis, -1, -2) @ by_cameras)
     places = (chosen[..., None] * CAMERA_PARAMETERS + np.arange(CAMERA_PARAMETERS)).reshape(len(chosen), -1)
+    return rows, places, (sigma * factor) ** 2 * np.eye(rows.shape[1])
+
+
+def own_variance(
+    cameras: Sequence[Camera], covariance: Array, volume: Array, placements: Placements, sees: Array, sigma: float
+) -> tuple[Array, Array]:
+    """Once each placement is seen: summed variance (B,), m^2, of its own corners and middle against the volume's
+    (N, 3) frame, and how many (B,) of them two cameras have in their pictures."""
+    corners = rectangle_corners(placements.rectangle.width, placements.rectangle.height)
+    points = np.concatenate([corners, np.zeros((1, 3))])
+    own = placements.rig_from_rect[:, None].transform(points).reshape(-1, 3)
+    shape, counted = _against(cameras, volume, own)
+    shape = shape.reshape(len(placements), 3 * len(points), -1)
+    rows, places, noise = _told(cameras, placements, sees, sigma)
     doubt = covariance[places[:, :, None], places[:, None, :]]
-    target = (covariance @ weight @ covariance)[places[:, :, None], places[:, None, :]]
-    turned = np.swapaxes(rows, -1, -2)
-    noise = (sigma * factor) ** 2 * np.eye(rows.shape[1])
-    drop = np.linalg.solve(rows @ doubt @ turned + noise, rows @ target @ turned)
-    return np.where(sees.any(1), np.trace(drop, axis1=-2, axis2=-1), 0.0)
+    across = np.swapaxes(rows @ np.swapaxes(covariance[:, places].transpose(1, 0, 2), -1, -2), -1, -2)
+    inner = np.linalg.solve(rows @ doubt @ np.swapaxes(rows, -1, -2) + noise, np.swapaxes(shape @ across, -1, -2))
+    before = np.einsum("bij,jk,bik->b", shape, covariance, shape, optimize=True)
+    drop = np.einsum("bij,bji->b", shape @ across, inner)
+    return np.maximum(before - drop, 0), counted.reshape(len(placements), -1).sum(1)
+
+
+def _against(cameras: Sequence[Camera], volume: Array, points: Array) -> tuple[Array, Array]:
+    """How points (M, 3) move with the parameters (M, 3, 15 C) when the volume's own rigid motion is taken out, zero
+    for those that fewer than two cameras see; and which (M,) are seen by two."""
+    sees = [np.stack([visible(camera, p) for camera in cameras]) for p in (volume, points)]
+    known, moved = (triangulation_derivatives(cameras, p, s) for p, s in zip((volume, points), sees, strict=True))
+    kept = np.isfinite(known).all((1, 2))
+    middle = volume[kept].mean(0) if kept.any() else np.zeros(3)
+    motion = np.linalg.lstsq(
+        _rigid_basis(volume[kept] - middle).reshape(-1, 6), known[kept].reshape(3 * int(kept.sum()), -1), rcond=None
+    )[0]
+    counted = np.isfinite(moved).all((1, 2))
+    shape = np.where(counted[:, None, None], moved - _rigid_basis(points - middle) @ motion, 0.0)
+    return shape, counted
+
+
+def _rigid_basis(arms: Array) -> Array:
+    """Motion (N, 3, 6) of points at `arms` (N, 3) by a translation and a rotation."""
+    return np.concatenate([np.broadcast_to(np.eye(3), (len(arms), 3, 3)), -cross_matrix(arms)], axis=-1)
 
 
 def _stacked_derivatives(

@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from quadrig.rig.advice import Situation, advise, best_placement, connected, millimetres, reached
+from quadrig.rig.advice import Advice, Situation, advise, best_placement, connected, millimetres, reached
+from quadrig.rig.coach import Coach
 from quadrig.rig.information import (
     camera_derivatives,
     camera_information,
@@ -194,13 +195,14 @@ def _triangulated(cameras, pixels, sees, start):
     return point
 
 
-def test_cameras_that_saw_nothing_come_first_then_those_that_share_nothing():
+def test_cameras_are_brought_together_from_the_first_word():
     cameras, middle = four_cameras()
     rng = np.random.default_rng(6)
     views = views_of(cameras, [waved(rng, cameras, middle) for _ in range(20)])
+    assert advise(situation_of(cameras)).sentence == "hold the sheet where cam0 and the camera next to it both see it"
     only_first = [v for v in views if v.camera == "cam0"]
     assert advise(situation_of(cameras, views=only_first)).sentence == (
-        "cam1 has not seen the sheet yet: hold it in front of cam1"
+        "cam1 has not seen the sheet yet: hold the sheet where cam1 and the camera next to it both see it"
     )
     apart = [replace(v, frameset=100 * int(v.camera[-1] in "23") + v.frameset) for v in views]
     assert connected([c.name for c in cameras], apart, [SHEET]) == (("cam0", "cam1"), ("cam2", "cam3"))
@@ -311,6 +313,16 @@ def framesets_until(accuracy, seed, coached):
 def test_obeying_needs_at_most_half_the_framesets_of_waving():
     counts = {coached: [framesets_until(0.001, seed, coached) for seed in range(6)] for coached in (True, False)}
     assert sum(counts[True]) <= 0.5 * sum(counts[False])
+
+
+def test_a_coach_waits_until_it_was_obeyed_or_in_vain():
+    first, second = (Advice("connect", word, pair) for word, pair in (("one", ("a", "b")), ("two", ("b", "c"))))
+    coach = Coach().hear(first, frozenset(), 0.0)
+    assert coach.hear(second, frozenset("a"), 3.0).advice is first
+    assert coach.hear(second, frozenset("abc"), 3.0).advice is second
+    late = coach.hear(second, frozenset(), 30.0)
+    assert late.advice is second
+    assert late.refused_pairs == {frozenset(("a", "b"))}
 
 
 @pytest.mark.parametrize(
