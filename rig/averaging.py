@@ -15,6 +15,8 @@ if TYPE_CHECKING:
 
 # Keeps the reference camera's own block invertible (1/rad^2, 1/m^2): far below what any relative pose tells.
 _HELD = 1e-9
+# Relative poses that agree to a share of their sigmas leave nothing to average: the joint adjustment does the rest.
+_AGREED = 1.0
 # Where Cauchy's weight begins to fall, in sigmas of a relative pose, round by round.
 _AVERAGE_ROUNDS = (1000.0, 100.0, 30.0, 10.0, 5.0, 5.0)
 
@@ -43,6 +45,8 @@ def average(camera_from_rig: Pose, relatives: "Sequence[Relative]", reference: i
         rig_from_right = camera_from_rig[right].inverse()
         gap = (camera_from_rig[left] @ rig_from_right).step_to(measured)
         distance = np.linalg.norm(gap, axis=-1) * scale
+        if distance.max() < _AGREED:
+            break
         weight = scale / np.sqrt(1 + (distance / tightness) ** 2)
         turn = camera_from_rig.rotation[left]
         block = np.zeros((len(relatives), 6, 6))
