@@ -65,6 +65,11 @@ def run(arguments: Sequence[str]) -> int:
     return 0
 
 
+def installed_commands() -> dict[str, str]:
+    """The commands whose modules are there, each with its line."""
+    return {name: line for name, line in COMMANDS.items() if find_spec(f"quadrig.io.{name}_command")}
+
+
 def _application(wanted: str) -> typer.Typer:
     app = typer.Typer(
         help=_EXAMPLE,
@@ -75,9 +80,7 @@ def _application(wanted: str) -> typer.Typer:
         context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110},
     )
     app.callback()(_options)
-    for name, line in COMMANDS.items():
-        if find_spec(f"quadrig.io.{name}_command") is None:
-            continue
+    for name, line in installed_commands().items():
         function = _function(name) if name == wanted else _named
         described = inspect.getdoc(function) if name == wanted else line
         app.command(name, help=described, short_help=line)(function)

@@ -80,8 +80,10 @@ def _completed(
         for future in as_completed(futures):
             yield futures[future], future.result()
     finally:
-        for future in futures:
-            future.cancel()
+        # Those of a process pool end with it; cancelled ones would make its thread complain as the workers are ended.
+        if not isinstance(executor, ProcessPoolExecutor):
+            for future in futures:
+                future.cancel()
 
 
 @contextmanager

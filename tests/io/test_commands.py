@@ -1,0 +1,227 @@
+"""The real `rig`, as a person calls it: good and bad input, exit codes, one line for what failed."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from quadrig.io import commands
+from quadrig.single.lens import Intrinsics
+from quadrig.single.pose import Pose
+from quadrig.single.rectangle import Rectangle, TagMarking
+from quadrig.single.render import Sheet, ray_grid, render
+
+RIG = Path(sys.executable).with_name("rig")
+DESK = Rectangle("desk", 0.20, 0.20, TagMarking("apriltag_36h11", 1))
+SHELF = Rectangle("shelf", 0.20, 0.20, TagMarking("apriltag_36h11", 2))
+ROOM = """
+[[rectangle]]
+name = "desk"
+width = 0.2
+height = 0.2
+moving = true
+marking = { kind = "tag", dictionary = "apriltag_36h11", id = 1 }
+
+[[rectangle]]
+name = "shelf"
+width = 0.2
+height = 0.2
+marking = { kind = "tag", dictionary = "apriltag_36h11", id = 2 }
+"""
+
+
+def rig(*arguments: object, cwd: Path | None = None, **environment: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [str(RIG), *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        timeout=300,
+        cwd=cwd,
+        env={**os.environ, **environment},
+    )
+
+
+def assert_one_sentence(done: subprocess.CompletedProcess[str], *words: str) -> None:
+    assert done.returncode == 1, done.stderr
+    lines = [line for line in done.stderr.splitlines() if not line.startswith("note:")]
+    assert len(lines) == 1, done.stderr
+    assert lines[0].startswith("rig: ")
+    for word in words:
+        assert word in lines[0]
+
+
+@pytest.fixture(scope="module")
+def pictures(tmp_path_factory) -> Path:
+    """Folders of pictures: left and right see the desk from two sides, hall sees the shelf alone."""
+    folder = tmp_path_factory.mktemp("pictures")
+    lens = Intrinsics.centred(640, 480, 600.0)
+    grid = ray_grid(lens)
+    rng = np.random.default_rng(5)
+    right_from_left = Pose.from_vectors(np.array([0.0, 0.3, 0.0]), np.array([-0.3, 0.0, 0.05]))
+    for frameset in range(6):
+        left_from_desk = Pose.from_vectors(rng.uniform(-0.7, 0.7, 3), np.array([*rng.uniform(-0.1, 0.1, 2), 0.9]))
+        hall_from_shelf = Pose.from_vectors(rng.uniform(-0.5, 0.5, 3), np.array([0.0, 0.0, 0.8]))
+        for name, camera_from_world, sheet in (
+            ("left", Pose.identity(), Sheet(DESK, left_from_desk)),
+            ("right", right_from_left, Sheet(DESK, left_from_desk)),
+            ("hall", Pose.identity(), Sheet(SHELF, hall_from_shelf)),
+        ):
+            image = render(grid, camera_from_world, [sheet], blur=0.6, noise=1.5, rng=rng)
+            (folder / name).mkdir(exist_ok=True)
+            cv2.imwrite(str(folder / name / f"{frameset:03}.png"), image)
+    (folder / "rig.toml").write_text(ROOM)
+    return folder
+
+
+def test_help_lists_every_command_quickly_and_imports_none() -> None:
+    heavy = "[m for m in ('cv2', 'scipy', 'rerun', 'networkx') if m in sys.modules]"
+    code = f"import sys; from quadrig.io.commands import run; run(['--help']); print('heavy:', {heavy})"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert "heavy: []" in done.stdout
+    for name in commands.installed_commands():
+        assert f"  {name} " in done.stdout
+
+
+@pytest.mark.parametrize("name", commands.installed_commands())
+def test_every_command_has_help_with_an_example(name: str) -> None:
+    done = rig(name, "--help")
+    assert done.returncode == 0, done.stderr
+    assert "xample" in done.stdout
+    assert f"rig {name}" in done.stdout
+
+
+@pytest.mark.parametrize("arguments", [["nonsense"], ["calibrate"], ["calibrate", "a", "--nonsense"], ["demo", "3"]])
+def test_wrong_usage_leaves_with_two(arguments: list[str]) -> None:
+    done = rig(*arguments)
+    assert done.returncode == 2
+    assert "Traceback" not in done.stderr
+
+
+def test_two_cameras_that_share_a_rectangle_become_a_rig(pictures: Path, tmp_path: Path) -> None:
+    arguments = ["calibrate", pictures / "left", pictures / "right", "-c", pictures / "rig.toml"]
+    done = rig(*arguments, "-o", tmp_path / "rig.mcap", "--json")
+    assert done.returncode == 0, done.stderr
+    result = json.loads(done.stdout)
+    assert set(result["cameras"]) == {"left", "right"}
+    position = np.array(result["cameras"]["right"]["rig_from_camera"])[:3, 3]
+    true = Pose.from_vectors(np.array([0.0, 0.3, 0.0]), np.array([-0.3, 0.0, 0.05])).inverse().translation
+    # Six views of one tag tell the baseline to millimetres; its own sigma is the yardstick.
+    assert np.linalg.norm(position - true) < 4 * result["cameras"]["right"]["sigma"]["position_m"]
+    assert (tmp_path / "rig.mcap").stat().st_size > 1000
+
+
+def test_the_table_leads_with_the_working_accuracy(pictures: Path, tmp_path: Path) -> None:
+    arguments = ["calibrate", pictures / "left", pictures / "right", "-c", pictures / "rig.toml"]
+    done = rig(*arguments, "-o", tmp_path / "rig.mcap")
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith("working accuracy")
+    assert "mm" in done.stdout.splitlines()[0]
+    assert "rig frame" in done.stdout
+
+
+def test_a_camera_that_shares_nothing_is_named_and_nothing_is_written(pictures: Path, tmp_path: Path) -> None:
+    result = tmp_path / "rig.mcap"
+    folders = [pictures / name for name in ("left", "right", "hall")]
+    done = rig("calibrate", *folders, "-c", pictures / "rig.toml", "-o", result)
+    assert_one_sentence(done, "hall", "shelf", "left", "right")
+    assert not list(tmp_path.iterdir())
+    done = rig("calibrate", *folders, "-c", pictures / "rig.toml", "-o", result, "--allow-missing")
+    assert done.returncode == 0, done.stderr
+    assert "missing" in done.stdout
+    assert result.exists()
+
+
+def test_bad_recordings_are_told_in_one_sentence(pictures: Path, tmp_path: Path) -> None:
+    from mcap.writer import Writer
+
+    room = pictures / "rig.toml"
+    (tmp_path / "text.mcap").write_text("this is no recording")
+    (tmp_path / "empty.mcap").touch()
+    with (tmp_path / "silent.mcap").open("wb") as stream:
+        writer = Writer(stream)
+        writer.start()
+        channel = writer.register_channel("/odometry", "json", 0)
+        writer.add_message(channel, 0, b"{}", 0)
+        writer.finish()
+    before = sorted(tmp_path.iterdir())
+    for name, word in (("text", "MCAP"), ("empty", "MCAP"), ("silent", "no images"), ("absent", "no such file")):
+        path = tmp_path / f"{name}.mcap"
+        done = rig("calibrate", path, "-c", room, "-o", tmp_path / "rig.mcap")
+        assert_one_sentence(done, path.name, word)
+    assert sorted(tmp_path.iterdir()) == before
+
+
+@pytest.mark.parametrize(
+    ("right", "wrong", "words"),
+    [
+        ("moving = true", "movign = true", ["line 6", "movign", "moving"]),
+        ("width = 0.2", "width = -0.2", ["line 4", "width", "desk"]),
+        ("id = 2", "id = 587000", ["line 13", "shelf"]),
+    ],
+)
+def test_bad_configs_are_told_in_one_sentence(
+    pictures: Path, tmp_path: Path, right: str, wrong: str, words: list[str]
+) -> None:
+    (tmp_path / "rig.toml").write_text(ROOM.replace(right, wrong, 1))
+    done = rig("calibrate", pictures / "left", pictures / "right", cwd=tmp_path)
+    assert_one_sentence(done, "rig.toml", *words)
+    assert [path.name for path in tmp_path.iterdir()] == ["rig.toml"]
+
+
+def test_a_place_that_cannot_be_written_is_named(pictures: Path, tmp_path: Path) -> None:
+    result = tmp_path / "nowhere" / "rig.mcap"
+    done = rig("calibrate", pictures / "left", pictures / "right", "-c", pictures / "rig.toml", "-o", result)
+    assert_one_sentence(done, "nowhere")
+
+
+def test_only_needs_the_rig_from_before(pictures: Path) -> None:
+    done = rig("calibrate", pictures / "left", "-c", pictures / "rig.toml", "--only", "left")
+    assert_one_sentence(done, "--only", "--from")
+
+
+def test_what_nobody_expected_is_one_line_and_the_traceback_on_demand(monkeypatch, capsys) -> None:
+    def fails(name: str) -> None:
+        raise KeyError("something\nlong")
+
+    monkeypatch.setattr(commands, "_function", fails)
+    assert commands.run(["demo"]) == 1
+    said = capsys.readouterr().err
+    assert len(said.splitlines()) == 1
+    assert "RIG_TRACEBACK=1" in said
+    monkeypatch.setenv("RIG_TRACEBACK", "1")
+    with pytest.raises(KeyError):
+        commands.run(["demo"])
+
+
+def test_interrupted_says_so(monkeypatch, capsys) -> None:
+    def interrupted(name: str) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(commands, "_function", interrupted)
+    assert commands.run(["demo"]) == 130
+    assert "interrupted" in capsys.readouterr().err
+
+
+@pytest.mark.skipif(os.name == "nt", reason="signals are POSIX's")
+def test_ctrl_c_ends_a_command_without_a_traceback(tmp_path: Path) -> None:
+    running = subprocess.Popen(
+        [str(RIG), "demo", "-o", str(tmp_path / "demo")], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    # The folder appears when the command itself is at work.
+    until = time.monotonic() + 60
+    while not (tmp_path / "demo").exists() and time.monotonic() < until:
+        time.sleep(0.05)
+    time.sleep(1.0)
+    running.send_signal(signal.SIGINT)
+    _, said = running.communicate(timeout=60)
+    assert running.returncode == 130
+    assert "Traceback" not in said
+    assert "interrupted" in said
+    assert not list((tmp_path / "demo").iterdir())

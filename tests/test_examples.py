@@ -1,0 +1,38 @@
+"""Every example runs; what it prints is judged where the example has a truth of its own."""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
+
+
+def run(name: str) -> str:
+    done = subprocess.run([sys.executable, str(EXAMPLES / name)], capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def assert_within_sigmas(line: str) -> None:
+    found, sigma, truth = map(float, re.findall(r"-?\d+\.?\d*", line.partition(":")[2] or line))
+    assert abs(found - truth) < 4 * sigma + 0.1, line
+
+
+def test_one_picture() -> None:
+    for line in run("02_one_picture.py").splitlines():
+        assert_within_sigmas(line)
+
+
+def test_rig_from_views() -> None:
+    lines = run("03_rig_from_views.py").splitlines()
+    assert len(lines) == 3
+    for line in lines:
+        assert_within_sigmas(line)
+
+
+def test_committed_configs_are_read() -> None:
+    from quadrig.io.config import read_config
+
+    for path in EXAMPLES.glob("*.toml"):
+        assert read_config(path).rectangles

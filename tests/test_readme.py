@@ -1,0 +1,33 @@
+"""What README.md says holds: its rig.toml is read, its commands and files exist, the quick start has two blocks."""
+
+import re
+from pathlib import Path
+
+from quadrig.io.commands import COMMANDS
+from quadrig.io.config import parse_config
+
+ROOT = Path(__file__).resolve().parents[1]
+README = (ROOT / "README.md").read_text()
+
+
+def test_the_rig_toml_is_read() -> None:
+    (block,) = re.findall(r"```toml\n(.*?)```", README, re.S)
+    assert len(parse_config(block).rectangles) == 2
+
+
+def test_the_commands_exist() -> None:
+    for block in re.findall(r"```(?:sh|console)\n(.*?)```", README, re.S):
+        for name in re.findall(r"^\s*rig (\w+)", block, re.M):
+            assert name in COMMANDS
+
+
+def test_what_is_linked_exists() -> None:
+    for target in re.findall(r"\]\((?!http)([^)]+)\)", README):
+        assert (ROOT / target).exists(), target
+    for path in re.findall(r"`(examples/[^`]+)`", README):
+        assert (ROOT / path).exists(), path
+
+
+def test_the_quick_start_has_two_blocks() -> None:
+    section = README.split("## Quick start")[1].split("\n## ")[0]
+    assert len(re.findall(r"```sh\n", section)) == 2
