@@ -125,9 +125,7 @@ def _blueprint(rig: Rig) -> Any:
     from .rerun_blueprint import space_view
 
     return rrb.Blueprint(
-        rrb.Horizontal(
-            space_view(rig), rrb.TextDocumentView(origin="summary", name="differences"), column_shares=[3, 2]
-        ),
+        rrb.Vertical(space_view(rig), rrb.TextDocumentView(origin="summary", name="differences"), row_shares=[3, 2]),
         collapse_panels=True,
     )
 

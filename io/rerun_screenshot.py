@@ -15,8 +15,8 @@ from .rerun_live import free_port
 SIZE = "1600x1000"
 # A software renderer on a busy machine opens within half a minute; a graphics card in two seconds.
 _OPENING_SECONDS = 60.0
-# The viewer greets with notes in a corner, over the picture, for five seconds.
-_NOTES_SECONDS = 6.0
+# The viewer greets with notes in a corner, over the picture, for some seconds of frames drawn.
+_NOTES_SECONDS = 14.0
 _SETTLED_SECONDS = 60.0
 
 
@@ -63,8 +63,8 @@ def _connect(viewer: subprocess.Popen, client: Any, address: str) -> Any:
 
 def _settle(client: Any, png: Path) -> None:
     """Take pictures until one equals the one before it."""
-    time.sleep(_NOTES_SECONDS)
-    until, before = time.monotonic() + _SETTLED_SECONDS, b""
+    gone, before = time.monotonic() + _NOTES_SECONDS, b""
+    until = gone + _SETTLED_SECONDS
     while time.monotonic() < until:
         try:
             client.save_screenshot(str(png))
@@ -72,7 +72,7 @@ def _settle(client: Any, png: Path) -> None:
         except (RuntimeError, OSError):
             # A software renderer that is still busy with large pictures does not answer in time: ask again.
             now = b""
-        if now and now == before:
+        if now and now == before and time.monotonic() > gone:
             return
         before = now
         time.sleep(1.0)

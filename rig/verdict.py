@@ -14,8 +14,8 @@ Grade = Literal["good", "with care", "not yet"]
 
 # Left-out framesets that miss this much more than those of the fit: the rig follows its noise, not the room.
 _OVERFITTED = 1.5
-# Mean residuals of fields this much larger than chance: boards' own errors reach 3 on good real lenses.
-_PATTERN = 5.0
+# Residuals of a field that agree this much more than chance: boards' own errors reach 2 on good real lenses.
+_PATTERN = 3.0
 # A View in its own sigmas against the rig; those of a rig that fits are near 1, and 99.9 % are below 2.
 _CONTRADICTS = 3.0
 # From this median of all Views on it is no single View that is wrong, but what is assumed of all of them.

@@ -1,0 +1,134 @@
+"""`rig check` and `rig compare` as commands: exit codes, JSON, and one sentence for each failure."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from quadrig.io.commands import run
+from quadrig.io.rig_file import write_rig
+from quadrig.rig.moved import find_moved
+from quadrig.single.pose import Pose
+
+
+@pytest.fixture
+def looked(monkeypatch):
+    """Lets Views stand for a recording, so that a check needs no pictures."""
+    from quadrig.io import check_command
+
+    def with_views(views):
+        monkeypatch.setattr(
+            check_command,
+            "views_of",
+            lambda held, paths, most: (tuple(placed.rectangle for placed in held.rig.rectangles), list(views)),
+        )
+
+    return with_views
+
+
+def new_views(example, moved=None):
+    """Views of the example's truth again, one camera elsewhere."""
+    rig, cameras, rectangles = example
+    rng = np.random.default_rng(7)
+    placed = {one.name: one for one in rectangles}
+    views = []
+    for fit in rig.fits:
+        view = fit.view
+        camera = next(one for one in cameras if one.name == view.camera)
+        rectangle = placed[view.rectangle]
+        pose = rectangle.rig_from_rect[view.frameset] if rectangle.rectangle.moving else rectangle.rig_from_rect
+        rig_from_camera = camera.rig_from_camera
+        if view.camera == moved:
+            rig_from_camera = rig_from_camera.retract(np.array([0.004, 0.01, 0, 0.03, 0, -0.02]))
+        pixels = camera.intrinsics.project((rig_from_camera.inverse() @ pose).transform(view.points))
+        views.append(replace(view, pixels=pixels + rng.normal(0, rig.noise, pixels.shape)))
+    return views
+
+
+@pytest.fixture
+def rig_path(example_rig, tmp_path):
+    write_rig(tmp_path / "rig.mcap", example_rig)
+    return tmp_path / "rig.mcap"
+
+
+def test_an_unmoved_rig_leaves_with_zero(example, rig_path, looked, capsys):
+    looked(new_views(example))
+    assert run(["check", str(rig_path), "night.mcap", "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["moved"] == []
+    assert {one["state"] for one in told["cameras"].values()} == {"unmoved"}
+
+
+def test_a_moved_camera_leaves_with_three(example, rig_path, looked, capsys):
+    looked(new_views(example, "cam2"))
+    assert run(["check", str(rig_path), "night.mcap", "--json"]) == 3
+    told = json.loads(capsys.readouterr().out)
+    assert told["moved"] == ["cam2"]
+    assert told["cameras"]["cam2"]["shift_mm"] == pytest.approx(1e3 * np.hypot(0.03, 0.02), rel=0.2)
+    assert run(["check", str(rig_path), "night.mcap"]) == 3
+    assert "cam2: moved by" in capsys.readouterr().out
+
+
+def test_where_nothing_can_be_told_it_says_so(rig_path, looked, capsys):
+    looked([])
+    assert run(["check", str(rig_path), "night.mcap"]) == 1
+    caught = capsys.readouterr()
+    assert "nothing can be told" in caught.err
+    assert "Traceback" not in caught.err
+
+
+def test_the_command_and_the_function_agree(example):
+    rig, _, rectangles = example
+    moves = find_moved(rig, [placed.rectangle for placed in rectangles], new_views(example, "cam1"))
+    assert [move.name for move in moves if move.state == "moved"] == ["cam1"]
+
+
+def test_a_recording_of_other_cameras_is_one_sentence(rig_path, tmp_path, capsys):
+    import cv2
+
+    folder = tmp_path / "other"
+    folder.mkdir()
+    cv2.imwrite(str(folder / "0.png"), np.zeros((60, 80), np.uint8))
+    assert run(["check", str(rig_path), str(folder)]) == 1
+    assert "its cameras are other" in capsys.readouterr().err
+    (tmp_path / "cam0").mkdir()
+    cv2.imwrite(str(tmp_path / "cam0" / "0.png"), np.zeros((60, 80), np.uint8))
+    assert run(["check", str(rig_path), str(tmp_path / "cam0")]) == 1
+    assert "80x60" in capsys.readouterr().err
+
+
+def test_compare_tells_differences_beside_sigmas(example_rig, rig_path, tmp_path, capsys):
+    last = example_rig.cameras[3]
+    moved = replace(last, rig_from_camera=last.rig_from_camera.retract(np.array([0, 0.02, 0, 0.1, 0, 0])))
+    write_rig(tmp_path / "b.mcap", replace(example_rig, cameras=(*example_rig.cameras[:3], moved)))
+    arguments = ["compare", str(rig_path), str(tmp_path / "b.mcap")]
+    assert run([*arguments, "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    sigmas = {name: one["sigmas"] for name, one in told["cameras"].items()}
+    assert max(sigmas, key=lambda name: sigmas[name]) == "cam3"
+    assert told["chance"] < 0.01
+    assert np.shape(told["a_from_b"]) == (4, 4)
+    assert run([*arguments, "--save", str(tmp_path / "c.rrd")]) == 0
+    assert "differ by more than their sigmas allow" in capsys.readouterr().out
+    assert _entities(tmp_path / "c.rrd") >= {"/space/first/cam3", "/space/second/cam3", "/space/shifts", "/summary"}
+
+
+def test_rigs_without_shared_cameras_are_one_sentence(example_rig, rig_path, tmp_path, capsys):
+    others = tuple(replace(camera, name=f"other{i}") for i, camera in enumerate(example_rig.cameras))
+    write_rig(tmp_path / "b.mcap", replace(example_rig, cameras=others, reference="other0", fits=()))
+    assert run(["compare", str(rig_path), str(tmp_path / "b.mcap")]) == 1
+    assert "fewer than two cameras" in capsys.readouterr().err
+
+
+def _entities(path):
+    from rerun.chunk import RrdReader
+
+    return {str(chunk.entity_path) for chunk in RrdReader(str(path)).stream()}
+
+
+def test_identity_is_no_difference(example_rig, rig_path, capsys):
+    assert run(["compare", str(rig_path), str(rig_path), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["chance"] == pytest.approx(1)
+    np.testing.assert_allclose(told["a_from_b"], Pose.identity().matrix(), atol=1e-9)

@@ -1,0 +1,108 @@
+"""The report: one page, no network, opened in a browser; its plots hold what the Rig holds."""
+
+import re
+import shutil
+import subprocess
+import xml.etree.ElementTree as ElementTree
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from quadrig.io.commands import run
+from quadrig.io.report import report_html
+from quadrig.io.rig_file import RigFile, write_rig
+from quadrig.io.svg import Plot, round_values
+from quadrig.rig.result import Rig
+from quadrig.rig.verdict import verdict
+
+
+@pytest.fixture(scope="module")
+def page(example_rig, tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("report")
+    write_rig(folder / "rig.mcap", example_rig)
+    assert run(["report", str(folder / "rig.mcap"), "-o", str(folder / "report.html")]) == 0
+    return folder / "report.html"
+
+
+def test_the_page_is_small_and_needs_no_network(page):
+    text = page.read_text()
+    assert page.stat().st_size < 3_000_000
+    assert not re.search(r"(src|href)\s*=|url\(|@import|<script|https?:", text)
+
+
+def test_the_verdict_is_at_the_top(page, example_rig):
+    text = page.read_text()
+    told = verdict(example_rig)
+    assert text.index(told.headline) < text.index("<table>")
+    for name in ("cam0", "cam1", "cam2", "cam3"):
+        assert f"<h3>{name}</h3>" in text
+
+
+def test_every_plot_is_sound_and_named(page):
+    plots = re.findall(r"<svg.*?</svg>", page.read_text(), re.S)
+    assert len(plots) == 6 + 2 * 4
+    for text in plots:
+        root = ElementTree.fromstring(text)
+        assert root.get("aria-label")
+        assert "nan" not in text
+
+
+def test_names_are_not_markup(example_rig):
+    odd = replace(example_rig.cameras[0], name="<b>&cam")
+    rig = replace(example_rig, cameras=(odd, *example_rig.cameras[1:]), reference="<b>&cam", fits=(), edges=())
+    assert "<b>" not in report_html(RigFile(rig))
+
+
+def test_a_rig_of_which_little_is_known_has_a_report_too(example_rig):
+    lone = example_rig.cameras[0]
+    rig = Rig("cam0", (lone,), (), np.zeros((15, 15)))
+    text = report_html(RigFile(rig))
+    assert "Not to be used yet" in text
+
+
+def test_a_browser_draws_it(page, tmp_path):
+    browser = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+    if browser is None:
+        pytest.skip("there is no Chromium here to open the report in")
+    shot, base = tmp_path / "shot.png", [browser, "--headless", "--no-sandbox", "--disable-gpu"]
+    base += [f"--user-data-dir={tmp_path / 'profile'}", "--virtual-time-budget=2000"]
+    options = [*base, "--window-size=1100,1400", f"--screenshot={shot}", page.as_uri()]
+    subprocess.run(options, check=True, capture_output=True, timeout=120)
+    picture = cv2.imread(str(shot))
+    assert picture is not None
+    # The orange of the first camera and the blue of the second are drawn; the page is not blank.
+    for colour in ((230, 159, 0), (86, 180, 233)):
+        assert (np.abs(picture.astype(int) - colour[::-1]).max(axis=-1) < 12).sum() > 50
+    dom = subprocess.run([*base, "--dump-dom", page.as_uri()], check=True, capture_output=True, timeout=120)
+    assert dom.stdout.decode().count("<svg") == 14
+
+
+@pytest.mark.parametrize(("low", "high"), [(0, 1), (-3.2, 7.9), (0, 0.00031), (1e5, 1.0001e5), (-1, 1e6)])
+def test_ticks_are_round_and_inside(low, high):
+    values = round_values(low, high)
+    assert 2 <= len(values) <= 8
+    assert all(low - 1e-9 * abs(high) <= value <= high * (1 + 1e-9) for value in values)
+    np.testing.assert_allclose(np.diff(values), np.diff(values)[0], rtol=1e-6)
+
+
+def test_points_land_where_their_coordinates_say():
+    plot = Plot((0, 10), (0, 5), 200, 100)
+    low, high = plot.place(np.array([[0, 0], [10, 5]]))
+    assert low[0] < high[0]
+    assert low[1] > high[1]
+    down = Plot((0, 10), (0, 5), 200, 100, down=True)
+    assert down.place(np.array([0, 0]))[1] < down.place(np.array([0, 5]))[1]
+    equal = Plot((0, 10), (0, 1), 300, 300, equal=True)
+    right, up = equal.place(np.array([[1, 0], [0, 1]])) - equal.place(np.array([0, 0]))
+    assert abs(right[0]) == pytest.approx(abs(up[1]), rel=0.05)
+
+
+def test_words_do_not_lie_on_one_another():
+    plot = Plot((0, 1), (0, 1))
+    for name in ("left", "right", "middle"):
+        plot.text((0.5, 0.5), name)
+    heights = sorted(y for _, _, y in plot.words)
+    assert min(np.diff(heights)) > 11
