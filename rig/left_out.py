@@ -11,10 +11,11 @@ import numpy as np
 
 from quadrig.single.rotation import Array
 
-from .adjust import view_steps, with_prior
-from .elimination import eliminate, node_steps, solve_cameras
+from .adjust import view_steps
+from .elimination import Reduced, eliminate, node_steps, solve_cameras
 from .joint import Joint
-from .normal_equations import linearise, normal_equations
+from .normal_equations import State, layout, linearise, normal_equations
+from .observations import Observations
 from .problem import Problem
 
 # Five folds leave four fifths to fit: near enough to the whole that the figure speaks of the rig that is delivered.
@@ -23,16 +24,27 @@ _FOLDS = 5
 
 def left_out_squares(problem: Problem, joint: Joint) -> Array:
     """Sum of squared residuals (V,) px^2 of each View, as predicted without it; nan where that cannot be said."""
-    fold = _folds(problem)
-    result = np.full(len(problem.views), np.nan)
+    fold = _folds(problem)[joint.observations.node]
+    count = int(fold.max(initial=-1)) + 1
+    if count < 2:
+        return np.full(len(fold), np.nan)
+    adjustment, freedom = joint.adjustment, joint.freedom
+    # A copy of every camera for each fold: then each copy's sums are those of its fold alone, all in one pass.
+    copies = _copied(joint.observations, fold, count)
+    tables = layout(copies)
+    fit, predicted = _copied_state(adjustment.state, count), _copied_state(joint.predicted, count)
+    weighing = adjustment.linearised.gram if adjustment.softened is None else adjustment.softened.gram
+    free = np.tile(joint.reduced.free, (count, 1))
+    own = eliminate(normal_equations(copies, tables, fit, weighing), tables, free, freedom.node)
+    steps = np.concatenate([_steps_without(joint, own, number, fold == number) for number in range(count)])
     gram = _gram_of_prediction(joint)
-    scale = (joint.noise * problem.sigmas) ** 2 / problem.shares
-    for number in range(int(fold.max(initial=-1)) + 1):
-        out = fold[joint.observations.node] == number
-        if out.any() and not out.all():
-            squares = _squares_of(joint, gram, out) * scale
-            result[out] = squares[out]
-    return result
+    left = normal_equations(copies, tables, predicted, gram)
+    every_node = np.ones_like(freedom.node)
+    poses = node_steps(left, tables, eliminate(left, tables, free, every_node), steps)
+    step = view_steps(copies, predicted, steps, poses, len(adjustment.columns))
+    step = np.concatenate([step, -np.ones((len(step), 1))], axis=1)
+    squares = np.einsum("vi,vij,vj->v", step, gram, step, optimize=True)
+    return squares * (joint.noise * problem.sigmas) ** 2 / problem.shares
 
 
 def _folds(problem: Problem) -> Array:
@@ -50,6 +62,21 @@ def _folds(problem: Problem) -> Array:
     return np.array(folds, int)
 
 
+def _copied(observations: Observations, fold: Array, count: int) -> Observations:
+    return replace(
+        observations,
+        groups=(),
+        camera=observations.camera + fold * observations.cameras,
+        cameras=observations.cameras * count,
+    )
+
+
+def _copied_state(state: State, count: int) -> State:
+    cameras = np.tile(np.arange(len(state.lens)), count)
+    offsets = None if state.offsets is None else state.offsets[cameras]
+    return replace(state, lens=state.lens[cameras], camera_from_rig=state.camera_from_rig[cameras], offsets=offsets)
+
+
 def _gram_of_prediction(joint: Joint) -> Array:
     """Gram matrices (V, K+7, K+7) at what the rig says of the pictures."""
     adjustment = joint.adjustment
@@ -58,25 +85,24 @@ def _gram_of_prediction(joint: Joint) -> Array:
     return linearise(joint.observations, joint.predicted, adjustment.columns, joint.noise, False).gram
 
 
-def _squares_of(joint: Joint, gram: Array, out: Array) -> Array:
-    """Squared residuals (V,), in units of the noise, of Views `out` for the cameras that the others make."""
-    adjustment, freedom = joint.adjustment, joint.freedom
-    observations, tables, state = joint.observations, adjustment.layout, adjustment.state
-    weighing = adjustment.linearised.gram if adjustment.softened is None else adjustment.softened.gram
-    kept = normal_equations(observations, tables, state, np.where(out[:, None, None], 0.0, weighing))
-    training = with_prior(kept, state, freedom, adjustment.columns)
-    if not freedom.node[observations.node[out]].all():
+def _steps_without(joint: Joint, own: Reduced, number: int, out: Array) -> Array:
+    """Steps (C, M) of the cameras when the Views `out` (V,) of a fold are taken from the fit; nan if they must stay.
+
+    own: the folds' reduced systems, of which this fold's is taken off the whole.
+    """
+    whole, cameras = joint.reduced, joint.observations.cameras
+    chosen = own.left // cameras == number
+    key = own.left[chosen] % cameras * cameras + own.right[chosen] % cameras
+    blocks = whole.blocks.copy()
+    blocks[np.searchsorted(whole.left * cameras + whole.right, key)] -= own.blocks[chosen]
+    gradient = whole.gradient - own.gradient[number * cameras : (number + 1) * cameras]
+    free = whole.free
+    if not joint.freedom.node[joint.observations.node[out]].all():
         # The rectangle that held the rig frame is left out itself: a camera holds the frame in its stead.
-        held = np.arange(len(freedom.pose)) != 0
-        freedom = replace(freedom, pose=freedom.pose & held, node=np.ones_like(freedom.node))
-    unknowns = freedom.unknowns(adjustment.columns, state)
+        lens = len(joint.adjustment.columns)
+        free = free.copy()
+        free[0, lens : lens + 6] = False
     try:
-        steps = solve_cameras(eliminate(training, tables, unknowns, freedom.node))
+        return solve_cameras(replace(whole, blocks=blocks, gradient=gradient, free=free))
     except np.linalg.LinAlgError:
-        return np.full(len(gram), np.nan)
-    predicted = joint.predicted
-    left = normal_equations(observations, tables, predicted, np.where(out[:, None, None], gram, 0.0))
-    poses = node_steps(left, tables, eliminate(left, tables, unknowns, freedom.node), steps)
-    step = view_steps(observations, predicted, steps, poses, len(adjustment.columns))
-    step = np.concatenate([step, -np.ones((len(step), 1))], axis=1)
-    return np.einsum("vi,vij,vj->v", step, gram, step, optimize=True)
+        return np.full_like(gradient, np.nan)

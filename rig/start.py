@@ -34,7 +34,7 @@ _TWIN_COST = 40.0
 # Standard deviations of lens parameters before any data, for lenses people use: without data they stay neutral.
 PRIOR_SIGMA = {"k1": 0.3, "k2": 0.2, "p1": 0.003, "p2": 0.003, "k3": 0.2, "aspect": 0.005}
 # Steps before and after the noise is first known: the joint adjustment has the last word anyway.
-_MONO_STEPS = (3, 2)
+_MONO_STEPS = (3, 1)
 _NO_LENS = np.zeros(0, int)
 
 
@@ -255,7 +255,7 @@ def _refined_twins(
     chosen[weak] = True
     freedom = Freedom(np.zeros((cameras, 9), bool), np.zeros(cameras, bool), chosen, still, still)
     state = State(lens, Pose(np.tile(np.eye(3), (cameras, 1, 1)), np.zeros((cameras, 3))), twin)
-    return adjust(observations.only(chosen), state, freedom, noise, robust=True, most_steps=4).state.rig_from_rect
+    return adjust(observations.only(chosen), state, freedom, noise, robust=True, most_steps=2).state.rig_from_rect
 
 
 def _differs(first: Pose, other: Pose, covariance: Array) -> Array:

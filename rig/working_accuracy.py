@@ -10,7 +10,7 @@ from .information import triangulation_derivatives, visible
 from .result import Camera, PlacedRectangle
 
 # Points that stand for the volume: more change the root mean square by less than its second digit.
-_MOST_POINTS = 200
+_MOST_POINTS = 100
 
 
 def covered_points(rectangles: Sequence[PlacedRectangle]) -> Array:
