@@ -1,7 +1,7 @@
 """The same Views given to other solvers: pycolmap's bundle adjustment and OpenCV's calibrateMultiview.
 
-Each gets what it would get from a user: for pycolmap, which has no boards, a first rig from OpenCV's focals and
-solvePnP of each View; its time counts that initialisation. calibrateMultiview initialises itself.
+Each gets what it would get from a user: for pycolmap, which has no boards, a first rig from OpenCV, each camera
+by itself; its time counts that initialisation. calibrateMultiview initialises itself.
 """
 
 from collections import defaultdict
@@ -16,6 +16,10 @@ from quadrig.single.pose import Pose
 from quadrig.single.rotation import Array
 from quadrig.single.view import View
 
+# OpenCV's flags for a lens of which only the focal is estimated.
+STRAIGHT = cv2.CALIB_FIX_PRINCIPAL_POINT | cv2.CALIB_ZERO_TANGENT_DIST | cv2.CALIB_FIX_ASPECT_RATIO
+STRAIGHT |= cv2.CALIB_FIX_K1 | cv2.CALIB_FIX_K2 | cv2.CALIB_FIX_K3
+
 
 @dataclass(frozen=True, eq=False)
 class Peer:
@@ -25,13 +29,26 @@ class Peer:
     rig_from_camera: Pose
 
 
-def _first_poses(cameras: Sequence[CameraInput], views: Sequence[View]) -> tuple[Array, dict[tuple[str, int], Pose]]:
-    """Each camera by itself: its focal, and camera_from_rect of every View, by the quickest that OpenCV has."""
+def _first_poses(
+    cameras: Sequence[CameraInput], views: Sequence[View], bent: bool, usual: bool
+) -> tuple[Array, dict[tuple[str, int], Pose]]:
+    """Each camera by itself: its focal, and camera_from_rect of every View.
+
+    usual: by calibrateCamera, as users do; else by the quickest that OpenCV has, a closed form and solvePnP.
+    """
     focals, poses = np.zeros(len(cameras)), {}
     for index, camera in enumerate(cameras):
         own = [v for v in views if v.camera == camera.name]
         points = [v.points.astype(np.float32) for v in own]
         pixels = [v.pixels.astype(np.float32) for v in own]
+        if usual:
+            size = (camera.width, camera.height)
+            flags = 0 if bent else STRAIGHT
+            _, matrix, _, turns, places = cv2.calibrateCamera(points, pixels, size, None, None, flags=flags)
+            focals[index] = matrix[0, 0]
+            for view, turn, place in zip(own, turns, places, strict=True):
+                poses[camera.name, view.frameset] = Pose(cv2.Rodrigues(turn)[0], place.ravel())
+            continue
         matrix = cv2.initCameraMatrix2D(points, pixels, (camera.width, camera.height), 1.0)
         focals[index] = matrix[0, 0]
         for view in own:
@@ -62,15 +79,16 @@ def _chained(cameras: Sequence[CameraInput], poses: dict) -> tuple[list[Pose], d
     return [camera_from_rig[name] for name in names], rig_from_rect
 
 
-def pycolmap_rig(cameras: Sequence[CameraInput], views: Sequence[View], bent: bool) -> Peer:
+def pycolmap_rig(cameras: Sequence[CameraInput], views: Sequence[View], bent: bool, usual: bool = False) -> Peer:
     """Bundle adjustment of COLMAP with the board held rigid: each frameset is a frame of a rig of the cameras, the
     board's points are the fixed 3-D points, and the rig moves in the board's frame.
 
     bent: OPENCV with its principal point; else SIMPLE_PINHOLE with the principal point in the middle.
+    usual: start from calibrateCamera instead of the quickest initialisation.
     """
     import pycolmap
 
-    focals, poses = _first_poses(cameras, views)
+    focals, poses = _first_poses(cameras, views, bent, usual)
     camera_from_rig, rig_from_rect = _chained(cameras, poses)
     reconstruction = pycolmap.Reconstruction()
     rig = pycolmap.Rig(rig_id=1)
@@ -148,9 +166,7 @@ def multiview(cameras: Sequence[CameraInput], views: Sequence[View], bent: bool)
         c, f = names.index(view.camera), framesets.index(view.frameset)
         mask[c, f] = 255
         pixels[c, f, [place[tuple(p)] for p in view.points]] = view.pixels
-    straight = cv2.CALIB_FIX_PRINCIPAL_POINT | cv2.CALIB_ZERO_TANGENT_DIST | cv2.CALIB_FIX_ASPECT_RATIO
-    straight |= cv2.CALIB_FIX_K1 | cv2.CALIB_FIX_K2 | cv2.CALIB_FIX_K3
-    flags = np.full((len(cameras), 1), 0 if bent else straight, np.int32)
+    flags = np.full((len(cameras), 1), 0 if bent else STRAIGHT, np.int32)
     _, matrices, _, turns, places = cv2.calibrateMultiview(
         [every.astype(np.float32)] * len(framesets),
         [[pixels[c, f] for f in range(len(framesets))] for c in range(len(cameras))],

@@ -119,6 +119,9 @@ def solvers(name: str) -> dict[str, Callable[[Task], Peer]]:
         lens = "bent lens" if told else "focal only"
         if find_spec("pycolmap"):
             found[f"pycolmap, {lens}"] = lambda task, told=told: pycolmap_rig(task.cameras, task.views, told)
+            if told == bent:
+                usual = f"pycolmap after calibrateCamera, {lens}"
+                found[usual] = lambda task, told=told: pycolmap_rig(task.cameras, task.views, told, True)
         found[f"calibrateMultiview, {lens}"] = lambda task, told=told: multiview(task.cameras, task.views, told)
     return found
 
