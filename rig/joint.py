@@ -19,8 +19,8 @@ from .problem import Problem
 from .slack import SlackPrior, learned, slack_variances, strays
 from .start import LEAST_NOISE, Start, prior
 
-# A fit that others follow is good enough once a step would lower chi-square by this little: a tenth of a sigma.
-_ROUGH = 0.01
+# A fit that others follow is good enough once a step would lower chi-square by this little: a sigma.
+_ROUGH = 1.0
 # The weights of Cauchy's loss hardly change when the noise does by less than this (log).
 _SAME_NOISE = 0.3
 # The joint fit may leave this much more than the cameras each by themselves did before the Views of moving rectangles
@@ -78,7 +78,7 @@ def solve_jointly(
     freedom = _freedom(problem, observations, standing, fixed_node)
     found, noise = _robust(observations, begin, first, freedom, tables)
     judged = _judge(observations, found, freedom, noise)
-    if noise > _OUT_OF_STEP * begin.noise or _outvoted(observations, judged).any():
+    if noise > _OUT_OF_STEP * begin.noise or _outvoted(problem, observations, judged).any():
         noise = begin.noise
         start_again = replace(found, state=State(begin.lens, first.camera_from_rig, first.rig_from_node))
         found, freedom = _loosened(problem, observations, start_again, freedom, noise)
@@ -119,10 +119,15 @@ def solve_jointly(
     )
 
 
-def _outvoted(observations: Observations, judged: Judged) -> Array:
-    """Cameras (C,) bool that lost a large part of their Views: sound by themselves, at odds with the others."""
-    lost = np.bincount(observations.camera, judged.rejected, observations.cameras)
-    return lost > _OUTVOTED * np.bincount(observations.camera, minlength=observations.cameras)
+def _outvoted(problem: Problem, observations: Observations, judged: Judged) -> Array:
+    """Cameras (C,) bool that lost a large part of their Views: sound by themselves, at odds with the others.
+
+    Only of rectangles that move: what stands still looks the same at every instant, and no clock explains it.
+    """
+    moving = np.array([problem.rectangles[view.rectangle].moving for view in problem.views])
+    seen = np.bincount(observations.camera, moving, observations.cameras)
+    lost = np.bincount(observations.camera, judged.rejected & moving, observations.cameras)
+    return lost > _OUTVOTED * seen
 
 
 def _refuse_contradicted(problem: Problem, observations: Observations, judged: Judged) -> None:
