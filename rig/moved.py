@@ -110,13 +110,14 @@ def _why_not(name: str, problem: Problem) -> str:
 
 @dataclass(frozen=True, eq=False)
 class _Evidence:
-    """b and M over the cameras' twists, names in order; stored and level: where the rig has each camera, and how far
-    off what it sees is (m)."""
+    """b and M over the cameras' twists, names in order. stored: where the rig has each camera, in the new frame that
+    new_from_old leads to. distance (C,): how far off what each camera sees is, m."""
 
     names: tuple[str, ...]
     score: Array
     information: Array
     stored: tuple[Pose, ...]
+    new_from_old: Pose
     distance: Array
 
 
@@ -124,8 +125,8 @@ def _evidence(rig: Rig, problem: Problem) -> _Evidence:
     begin = start(problem)
     first = first_rig(problem, begin.candidates, 0)
     joint = solve_jointly(problem, begin, first, np.arange(len(problem.cameras)) == 0)
-    stored = tuple(rig.camera(camera.name).rig_from_camera for camera in problem.cameras)
-    joint = _aligned(joint, stored)
+    new_from_old = _aligned(joint, [rig.camera(camera.name).rig_from_camera for camera in problem.cameras])
+    stored = tuple(new_from_old @ rig.camera(camera.name).rig_from_camera for camera in problem.cameras)
     matrix, gradient, columns = _new_information(rig, problem, joint)
     size, count = len(columns) + 6, len(problem.cameras)
     step = np.zeros((count, size))
@@ -133,7 +134,7 @@ def _evidence(rig: Rig, problem: Problem) -> _Evidence:
     for row, rig_from_camera in enumerate(stored):
         step[row, len(columns) :] = _twist(found[row].inverse() @ rig_from_camera.inverse())
     score = gradient - matrix @ step.ravel()
-    doubt = _stored_covariance(rig, problem, columns)
+    doubt = _stored_covariance(rig, problem, columns, new_from_old)
     unit = np.eye(len(matrix))
     information = matrix @ np.linalg.inv(unit + doubt @ matrix)
     seen = np.linalg.solve(unit + matrix @ doubt, score)
@@ -143,29 +144,23 @@ def _evidence(rig: Rig, problem: Problem) -> _Evidence:
         seen[poses],
         information[np.ix_(poses, poses)],
         stored,
+        new_from_old,
         _distances(problem, joint),
     )
 
 
-def _aligned(joint: Joint, stored: tuple[Pose, ...]) -> Joint:
-    """The new rig moved into the frame of the stored one by the camera that leaves the others least astray."""
-    state = joint.adjustment.state
-    rig_from_camera = state.camera_from_rig.inverse()
+def _aligned(joint: Joint, stored: Sequence[Pose]) -> Pose:
+    """new_from_old, which takes the stored rig's frame to the new one's, by the camera that leaves the others least
+    astray."""
+    rig_from_camera = joint.adjustment.state.camera_from_rig.inverse()
     best, least = Pose.identity(), np.inf
     for row, pose in enumerate(stored):
-        old_from_new = pose @ rig_from_camera[row].inverse()
-        moved = [pose.step_to(old_from_new @ rig_from_camera[i]) for i, pose in enumerate(stored)]
-        astray = float(np.median([np.linalg.norm(step[3:]) for i, step in enumerate(moved) if i != row]))
+        new_from_old = rig_from_camera[row] @ pose.inverse()
+        steps = [rig_from_camera[i].step_to(new_from_old @ other) for i, other in enumerate(stored) if i != row]
+        astray = float(np.median([np.linalg.norm(step[3:]) for step in steps]))
         if astray < least:
-            best, least = old_from_new, astray
-    aligned = replace(
-        state,
-        camera_from_rig=state.camera_from_rig @ best.inverse(),
-        rig_from_rect=best @ state.rig_from_rect,
-        motion=None,
-        offsets=None,
-    )
-    return replace(joint, adjustment=replace(joint.adjustment, state=aligned))
+            best, least = new_from_old, astray
+    return best
 
 
 def _new_information(rig: Rig, problem: Problem, joint: Joint) -> tuple[Array, Array, Array]:
@@ -179,17 +174,31 @@ def _new_information(rig: Rig, problem: Problem, joint: Joint) -> tuple[Array, A
     reduced = undamped(found, opened)
     matrix, unknown = dense_matrix(reduced), reduced.free.ravel()
     matrix[~unknown, ~unknown] = 0.0
-    return matrix, np.where(unknown, reduced.gradient.ravel(), 0.0), found.columns
+    gradient = np.where(unknown, reduced.gradient.ravel(), 0.0)
+    size = len(found.columns) + 6
+    is_clock = np.tile(np.arange(reduced.free.shape[1]) >= size, len(free))
+    return (*_without(matrix, gradient, is_clock), found.columns)
 
 
-def _stored_covariance(rig: Rig, problem: Problem, columns: Array) -> Array:
-    """The stored rig's covariance over lens columns and twists of its cameras, in the order of the problem."""
+def _without(matrix: Array, gradient: Array, nuisance: Array) -> tuple[Array, Array]:
+    """Information and gradient of the rest when what is of no interest takes its best value."""
+    if not nuisance.any():
+        return matrix, gradient
+    gain = matrix[np.ix_(~nuisance, nuisance)] @ np.linalg.pinv(matrix[np.ix_(nuisance, nuisance)], hermitian=True)
+    rest = matrix[np.ix_(~nuisance, ~nuisance)] - gain @ matrix[np.ix_(nuisance, ~nuisance)]
+    return rest, gradient[~nuisance] - gain @ gradient[nuisance]
+
+
+def _stored_covariance(rig: Rig, problem: Problem, columns: Array, new_from_old: Pose) -> Array:
+    """The stored rig's covariance over lens columns and twists, in the new frame, in the order of the problem."""
+    turn = np.kron(np.eye(2), new_from_old.rotation)
     size = len(columns) + 6
     spread = np.zeros((len(problem.cameras) * size, len(rig.covariance)))
     for row, camera in enumerate(problem.cameras):
         begin, lens = rig.camera_index(camera.name) * CAMERA_PARAMETERS, len(LENS_PARAMETERS)
         spread[row * size + np.arange(len(columns)), begin + columns] = 1.0
-        twist_by_step = np.linalg.inv(step_by_camera_twist(rig.camera(camera.name).rig_from_camera))
+        stored = new_from_old @ rig.camera(camera.name).rig_from_camera
+        twist_by_step = np.linalg.inv(step_by_camera_twist(stored)) @ turn
         spread[row * size + len(columns) : (row + 1) * size, begin + lens : begin + CAMERA_PARAMETERS] = twist_by_step
     return spread @ rig.covariance @ spread.T
 
@@ -273,7 +282,7 @@ def _answer(evidence: _Evidence, others: list[int], index: int, sigmas: float) -
     twist = (covariance @ evidence.score[rows])[-6:]
     stored, name = evidence.stored[index], evidence.names[index]
     step = stored.step_to(Pose.from_twist(twist).inverse() @ stored)
-    jacobian = step_by_camera_twist(stored)
+    jacobian = np.kron(np.eye(2), evidence.new_from_old.rotation.T) @ step_by_camera_twist(stored)
     doubt = jacobian @ covariance[-6:, -6:] @ jacobian.T
     turn_doubt, shift_doubt = np.linalg.eigvalsh(doubt[:3, :3]), np.linalg.eigvalsh(doubt[3:, 3:])
     found, turn_found = (sigmas * float(np.sqrt(max(part.max(), 0))) for part in (shift_doubt, turn_doubt))

@@ -19,8 +19,8 @@ class ResidualField:
     """Used corners of one camera. pixels (P, 2) and residuals (P, 2), px, seen minus predicted.
 
     counts (ROWS, COLUMNS): corners in each field of the picture; means (ROWS, COLUMNS, 2): mean residual there, nan
-    in empty fields. pattern: how much more the residuals of different rectangle poses agree in a field than chance has
-    it: near 1 where the lens fits. covered: share of the fields with a corner.
+    in empty fields. pattern: how much more the residuals of different rectangle poses agree in a field than by
+    chance: near 1 where the lens fits. covered: share of the fields with a corner.
     """
 
     pixels: Array
