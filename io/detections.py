@@ -21,8 +21,11 @@ from .progress import progress_bar
 from .recording import Recording
 from .workers import run_tasks
 
-# Images of one task: about a second of work, so that the bar moves and an interrupted run loses little.
-_BATCH = 16
+# Images of one task: about a second of work, so that the bar moves and an interrupted run loses little; the first
+# of them is searched whole, so that what was overlooked once is not overlooked for long.
+_BATCH = 32
+# Images this far apart (of 30 a second, a tenth) still show a rectangle near where it was.
+_FOLLOWS = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,13 +87,27 @@ def find_detections(
     return Detections(_in_order(recording, framesets, found), searched, reused, _unreadable(framesets, found))
 
 
-def search_images(source: ImageSource, rectangles: Sequence[Rectangle]) -> list[tuple[View, ...] | None]:
-    """The Views of each image of a source; None where it is unreadable."""
-    return [None if image is None else tuple(detect(image, rectangles)) for image in source.images()]
+def search_images(
+    source: ImageSource, images: Array, rectangles: Sequence[Rectangle]
+) -> list[tuple[View, ...] | None]:
+    """The Views of each image of a source, whose indices in the recording are given; None where it is unreadable.
+
+    Rectangles are looked for where the image before had them, which is several times quicker; the first image, and
+    each that does not follow on another, is searched whole.
+    """
+    found: list[tuple[View, ...] | None] = []
+    before: tuple[View, ...] | None = None
+    previous = -_FOLLOWS - 1
+    for index, image in zip(images.tolist(), source.images(), strict=True):
+        near = before if index - previous <= _FOLLOWS else None
+        before = None if image is None else tuple(detect(image, rectangles, near=near))
+        found.append(before)
+        previous = index
+    return found
 
 
 def _search_batch(batch: _Batch) -> list[tuple[View, ...] | None]:
-    return search_images(batch.source, batch.rectangles)
+    return search_images(batch.source, batch.images, batch.rectangles)
 
 
 def _batches(
