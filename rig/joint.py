@@ -28,6 +28,8 @@ _SAME_NOISE = 0.3
 _OUT_OF_STEP = 1.5
 # Nor does a camera lose this share of its Views to chance or to single faults.
 _OUTVOTED = 0.3
+# A camera that is out of step loses nearly all of them; one with many wrong ids keeps at least half.
+_MAJORITY = 0.5
 # Slack that learning starts from, rad and m: wide, since it converges from above in few rounds.
 _FIRST_SLACK = 0.02
 _SLACK_ROUNDS = 15
@@ -35,6 +37,8 @@ _SLACK_ROUNDS = 15
 _SAME_WIDTH = 0.1
 # Clocks explain everything when no more noise is left than this much of what the cameras by themselves have.
 _EXPLAINED = 1.1
+# A minimum that is not reached in so many steps is a valley that the Views leave open; its sigmas say so.
+_MOST_STEPS = 25
 # Rounds of throwing out and taking back corners: the second rarely changes anything.
 _ROUNDS = 3
 
@@ -78,7 +82,7 @@ def solve_jointly(
     freedom = _freedom(problem, observations, standing, fixed_node)
     found, noise = _robust(observations, begin, first, freedom, tables)
     judged = _judge(observations, found, freedom, noise)
-    if noise > _OUT_OF_STEP * begin.noise or _outvoted(problem, observations, judged).any():
+    if noise > _OUT_OF_STEP * begin.noise or _outvoted(problem, observations, judged, _OUTVOTED).any():
         noise = begin.noise
         start_again = replace(found, state=State(begin.lens, first.camera_from_rig, first.rig_from_node))
         found, freedom = _loosened(problem, observations, start_again, freedom, noise)
@@ -93,7 +97,7 @@ def solve_jointly(
     information = prior(problem, choices.principal_sigma)[1]
     freedom = replace(freedom, lens=choices.free, prior_information=information)
     for _ in range(_ROUNDS):
-        found = adjust(used, state, freedom, noise, tables=tables)
+        found = adjust(used, state, freedom, noise, most_steps=_MOST_STEPS, tables=tables)
         state, costs = found.state, costs + found.costs
         noise = _noise(found, used, freedom, noise)
         again = _judge(observations, found, freedom, noise)
@@ -119,15 +123,15 @@ def solve_jointly(
     )
 
 
-def _outvoted(problem: Problem, observations: Observations, judged: Judged) -> Array:
-    """Cameras (C,) bool that lost a large part of their Views: sound by themselves, at odds with the others.
+def _outvoted(problem: Problem, observations: Observations, judged: Judged, share: float) -> Array:
+    """Cameras (C,) bool that lost more than a share of their Views: sound by themselves, at odds with the others.
 
     Only of rectangles that move: what stands still looks the same at every instant, and no clock explains it.
     """
     moving = np.array([problem.rectangles[view.rectangle].moving for view in problem.views])
     seen = np.bincount(observations.camera, moving, observations.cameras)
     lost = np.bincount(observations.camera, judged.rejected & moving, observations.cameras)
-    return lost > _OUTVOTED * seen
+    return lost > share * seen
 
 
 def _refuse_contradicted(problem: Problem, observations: Observations, judged: Judged) -> None:
@@ -160,7 +164,7 @@ def _loosened(
             break
     freedom = replace(freedom, slack=prior)
     found = adjust(observations, state, freedom, noise, True, 6, found.layout, _ROUGH)
-    return _without_need(observations, found, freedom, noise)
+    return _without_need(problem, observations, found, freedom, noise)
 
 
 def _with_motion(problem: Problem, state: State) -> State:
@@ -173,15 +177,16 @@ def _with_motion(problem: Problem, state: State) -> State:
 
 
 def _without_need(
-    observations: Observations, found: Adjustment, freedom: Freedom, noise: float
+    problem: Problem, observations: Observations, found: Adjustment, freedom: Freedom, noise: float
 ) -> tuple[Adjustment, Freedom]:
-    """The fit without slack where the clocks alone explain what the cameras disagreed on; else as it is."""
-    if found.state.motion is None:
-        return found, freedom
+    """The fit without slack where clocks, or single Views that are wrong, explain what the cameras disagreed on; else
+    as it is."""
     firm = replace(freedom, slack=None)
-    tried = adjust(observations, replace(found.state, slack=None), firm, noise, True, 12, found.layout, _ROUGH)
-    enough = robust_noise(observations, tried.linearised.squares) < _EXPLAINED * noise
-    return (tried, firm) if enough else (found, freedom)
+    kept = observations.with_weights(_judge(observations, found, freedom, noise).weights)
+    tried = adjust(kept, replace(found.state, slack=None), firm, noise, True, 12, found.layout, _ROUGH)
+    quiet = robust_noise(kept, tried.linearised.squares) < _EXPLAINED * noise
+    outvoted = _outvoted(problem, observations, judge(observations, tried.linearised.squares, noise), _MAJORITY)
+    return (tried, firm) if quiet and not outvoted.any() else (found, freedom)
 
 
 def _without_slack(used: Observations, state: State, freedom: Freedom, noise: float) -> State:
