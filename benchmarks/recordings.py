@@ -6,6 +6,8 @@ python benchmarks/recordings.py large room.mcap      memory and speed on 4 GiB, 
 """
 
 import sys
+import tempfile
+import time
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -46,7 +48,7 @@ def _phase(seconds: float) -> int:
     """Where on the path of 20 poses a frameset the board is."""
     share = seconds / (FRAMESETS * PERIOD)
     held = share - np.sin(2 * np.pi * HOLDS * share) / (2 * np.pi * HOLDS)
-    return int(round(np.clip(held, 0, 1 - 1e-9) * FRAMESETS * 20)) % (FRAMESETS * 20)
+    return round(float(np.clip(held, 0, 1 - 1e-9)) * FRAMESETS * 20) % (FRAMESETS * 20)
 
 
 def _motion(scene: Scene, frameset: int) -> np.ndarray:
@@ -99,9 +101,147 @@ def render_recording(output: Path) -> None:
         finish()
 
 
+def plain_search(path: tuple[str, str, int, int]) -> int:
+    """The straight loop: decode and search whole images for tags and for the board; how many corners were found."""
+    from quadrig.io.recording import open_recording
+
+    name, camera, begin, end = path
+    source = open_recording([Path(name)]).camera(camera).source.part(np.arange(begin, end))
+    parameters = cv2.aruco.DetectorParameters()
+    parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
+    tags = cv2.aruco.ArucoDetector(cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11), parameters)
+    dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50)
+    board = cv2.aruco.CharucoDetector(cv2.aruco.CharucoBoard((7, 5), 0.08, 0.06, dictionary))
+    corners = 0
+    for image in source.images():
+        found = tags.detectMarkers(image)[1]
+        inner = board.detectBoard(image)[1]
+        corners += 4 * (0 if found is None else len(found)) + (0 if inner is None else len(inner))
+    return corners
+
+
+def search(path: Path) -> None:
+    """Time the stages, and compare the rigs of all images, of the chosen tenth and of every tenth with the truth."""
+    from quadrig.io.detections import find_detections
+    from quadrig.io.framesets import build_framesets
+    from quadrig.io.looks import choose_frames
+    from quadrig.io.recording import open_recording
+
+    scene = demo_scene(FRAMESETS)
+    began = time.perf_counter()
+    opened = open_recording([path])
+    framesets = build_framesets(opened)
+    print(f"open and framesets: {time.perf_counter() - began:.2f} s, {len(framesets)} framesets")
+    began = time.perf_counter()
+    images = sum(1 for camera in opened.cameras for _ in camera.source.images())
+    print(f"decode all {images} to grey in one process: {time.perf_counter() - began:.2f} s")
+    blocks = [(str(path), camera.name, k, k + 50) for k in range(0, FRAMESETS, 50) for camera in opened.cameras]
+    began = time.perf_counter()
+    corners = sum(found for _, found in run_tasks(plain_search, blocks, workers=2))
+    plain = time.perf_counter() - began
+    print(f"plain loop, two processes: {plain:.1f} s, {corners} corners")
+    with tempfile.TemporaryDirectory() as folder:
+        cache = Path(folder) / "detections.mcap"
+        every = _timed(
+            "every image", plain, lambda: find_detections(opened, framesets, scene.rectangles, workers=2, cache=cache)
+        )
+        _timed(
+            "again, kept", plain, lambda: find_detections(opened, framesets, scene.rectangles, workers=2, cache=cache)
+        )
+    chosen = _timed("choice", plain, lambda: choose_frames(opened, framesets, 0.1, workers=2))
+    _timed("choice and search", plain, lambda: find_detections(
+        opened, choose_frames(opened, framesets, 0.1, workers=2), scene.rectangles, workers=2))  # fmt: skip
+    kept = set(np.flatnonzero(chosen.sizes() > 0).tolist())
+    for name, numbers in {
+        "all": set(range(FRAMESETS)),
+        "chosen tenth": kept,
+        **{f"every tenth from {k}": set(range(k, FRAMESETS, 10)) for k in (0, 3, 6)},
+    }.items():
+        _judge(name, scene, opened, [view for view in every.views if view.frameset in numbers])
+
+
+def _timed(name, plain, function):
+    began = time.perf_counter()
+    result = function()
+    seconds = time.perf_counter() - began
+    print(f"{name}: {seconds:.1f} s, {plain / seconds:.1f} times the plain loop's speed")
+    return result
+
+
+def _judge(name, scene, opened, views) -> None:
+    from quadrig.rig.calibrate import calibrate
+    from quadrig.rig.inputs import CameraInput
+
+    inputs = [CameraInput(camera.name, camera.width, camera.height) for camera in opened.cameras]
+    rig = calibrate(inputs, scene.rectangles, views, "cam0")
+    first = scene.cameras[0].world_from_camera.inverse()
+    focal, place = [], []
+    for camera in scene.cameras:
+        solved = rig.camera(camera.name)
+        focal.append(abs(solved.intrinsics.focal / camera.intrinsics.focal - 1) * 100)
+        truth = first @ camera.world_from_camera
+        place.append(np.linalg.norm(solved.rig_from_camera.translation - truth.translation) * 1e3)
+    print(
+        f"{name}: {len(views)} Views, focal {np.mean(focal):.3f} %, position {np.mean(place[1:]):.2f} mm, "
+        f"working accuracy {rig.working_accuracy * 1e3:.2f} mm, RMS {rig.rms:.3f} px"
+    )
+
+
+def large(path: Path) -> None:
+    """Memory of a search of 4 GiB, made by repeating the recording, of which the first minute is timed."""
+    import threading
+
+    import psutil
+
+    from quadrig.io.detections import find_detections
+    from quadrig.io.framesets import NO_FRAME, build_framesets
+    from quadrig.io.looks import choose_frames
+    from quadrig.io.recording import open_recording
+
+    times = -(-4 * 2**30 // path.stat().st_size)
+    opened = open_recording([path])
+    with tempfile.TemporaryDirectory() as folder:
+        output = Path(folder) / "large.mcap"
+        with output.open("wb") as stream:
+            write, finish = image_writer(stream, "foxglove")
+            for k in range(times):
+                for n in range(FRAMESETS):
+                    for camera in opened.cameras:
+                        stamp = START + round((k * FRAMESETS + n) * PERIOD * 1e9)
+                        write(camera.name, stamp, "jpeg", camera.source.messages.payload(n).data)
+            finish()
+        print(f"{output.stat().st_size / 2**30:.2f} GiB")
+        most = [0.0]
+        done = threading.Event()
+
+        def watch() -> None:
+            own = psutil.Process()
+            while not done.wait(0.2):
+                sizes = [p.memory_info().rss for p in (own, *own.children(recursive=True)) if p.is_running()]
+                most[0] = max(most[0], sum(sizes) / 2**30)
+
+        threading.Thread(target=watch, daemon=True).start()
+        began = time.perf_counter()
+        big = open_recording([output])
+        framesets = build_framesets(big)
+        print(f"open and framesets: {time.perf_counter() - began:.2f} s, {len(framesets)} framesets")
+        began = time.perf_counter()
+        chosen = choose_frames(big, framesets, 0.1, workers=2)
+        print(f"choice: {time.perf_counter() - began:.1f} s; most memory so far, all processes: {most[0]:.2f} GiB")
+        began = time.perf_counter()
+        frames = chosen.frames.copy()
+        frames[int(0.2 * len(frames)) :] = NO_FRAME
+        found = find_detections(big, replace(chosen, frames=frames), demo_scene(FRAMESETS).rectangles, workers=2)
+        done.set()
+        print(
+            f"search of {found.searched} images: {time.perf_counter() - began:.1f} s; most memory, all processes: "
+            f"{most[0]:.2f} GiB"
+        )
+
+
 def main() -> None:
     """Run the stage that is asked for."""
-    stages = {"render": render_recording}
+    stages = {"render": render_recording, "search": search, "large": large}
     if len(sys.argv) != 3 or sys.argv[1] not in stages:
         sys.exit(__doc__)
     stages[sys.argv[1]](Path(sys.argv[2]))

@@ -21,12 +21,15 @@ from .calibrate import calibrate
 from .inputs import CameraInput
 from .result import Rig
 from .timed_path import Paths, TimedPath, paths_of, views_at
+from .weaknesses import weaknesses
 
+# Images of a frameset that are nearer than this, s, are of one instant: at 1 m/s a third of a millimetre.
+_INSTANT = 3e-4
 # Offsets have converged when a step is below this, s: at 1 m/s it moves a corner by a hundredth of a millimetre.
 _SETTLED = 1e-5
 _STEPS = 60
 # An offset is one number of thousands of points: more framesets than this make it no surer than it need be.
-_MOST_FRAMESETS = 100
+_MOST_FRAMESETS = 60
 # Clocks of one recording differ by less than this, s: it keeps offsets finite where nothing moves.
 _PRIOR_SIGMA = 1.0
 # An offset whose sigma is more than this part of the interval between images is not known; zero is as good.
@@ -55,20 +58,51 @@ def calibrate_with_clocks(
     cameras: Sequence[CameraInput],
     rectangles: Sequence[Rectangle],
     views: Sequence[View],
-    stamps: Array,
     reference: str | None = None,
-) -> tuple[Rig, Clocks]:
-    """The rig, and the offset of each camera's clock, that the Views of moving rectangles show.
+) -> Rig:
+    """The rig, solved with the clock offsets that Views of moving rectangles show; Camera.clock_offset has them.
 
-    stamps (S, C) s: of the image of each frameset and camera, nan where there is none; cameras in the order given.
-    Views of consecutive images are needed: a path cannot be followed through one image in ten.
+    As calibrate, where cameras look at one instant already, where Views carry no time, or nothing moves. Views of
+    consecutive images are needed: a path cannot be followed through one image in ten.
     Raises QuadrigError as calibrate does.
     """
-    rig = calibrate(cameras, rectangles, views, reference)
-    clocks, retimed = retime(rig, rectangles, views, stamps, tuple(camera.name for camera in cameras))
-    if not np.any(clocks.offsets):
-        return rig, clocks
-    return calibrate(cameras, rectangles, retimed, reference), clocks
+    untimed = [replace(view, time=float("nan")) for view in views]
+    stamps = stamps_of(views, [camera.name for camera in cameras])
+    followed = any(rectangle.moving for rectangle in rectangles) and np.count_nonzero(np.isfinite(stamps)) > 0
+    if not followed:
+        return calibrate(cameras, rectangles, views, reference)
+    rig = calibrate(cameras, rectangles, untimed, reference)
+    clocks, retimed = retime(rig, rectangles, untimed, stamps, tuple(camera.name for camera in cameras))
+    known = np.isfinite(clocks.sigmas)
+    if np.count_nonzero(known) < 2:
+        return calibrate(cameras, rectangles, views, reference)
+    if _spread(stamps[:, known] + clocks.offsets[known]) > _INSTANT:
+        rig = calibrate(cameras, rectangles, retimed, reference)
+    return _with_offsets(rig, clocks, float(clocks.offsets[known].mean()))
+
+
+def stamps_of(views: Sequence[View], names: Sequence[str]) -> Array:
+    """Time (S, C) s of the image of each frameset and camera, from its Views; nan where there are none."""
+    count = max((view.frameset for view in views), default=-1) + 1
+    stamps = np.full((count, len(names)), np.nan)
+    for view in views:
+        stamps[view.frameset, names.index(view.camera)] = view.time
+    return stamps
+
+
+def _spread(times: Array) -> float:
+    """How far apart (s) the images of a frameset usually are."""
+    shared = times[np.count_nonzero(np.isfinite(times), axis=1) > 1]
+    return float(np.median(np.nanmax(shared, axis=1) - np.nanmin(shared, axis=1))) if len(shared) else 0.0
+
+
+def _with_offsets(rig: Rig, clocks: Clocks, middle: float) -> Rig:
+    """The rig with its cameras' offsets about their mean, and what is weak said anew."""
+    offsets, sigmas = clocks.by_camera(), dict(zip(clocks.cameras, clocks.sigmas.tolist(), strict=True))
+    known = {name: offset - middle if np.isfinite(sigmas[name]) else 0.0 for name, offset in offsets.items()}
+    cameras = tuple(replace(camera, clock_offset=known.get(camera.name, 0.0)) for camera in rig.cameras)
+    told = replace(rig, cameras=cameras)
+    return replace(told, weak=weaknesses(told))
 
 
 def retime(
@@ -77,13 +111,13 @@ def retime(
     """The clocks, from a rig that was solved as if they agreed, and the Views as they were at one instant each.
 
     Views of static rectangles stay. names: the columns of stamps (S, C). Offsets are zero, and Views as they were,
-    where no moving rectangle is followed by two cameras.
+    where no moving rectangle is followed by two cameras; offsets of cameras that nothing tells of are zero.
     """
     moving = {rectangle.name for rectangle in rectangles if rectangle.moving}
     read = _as_read(rig, views)
     paths = paths_of([view for view in read if view.rectangle in moving], stamps, names)
     clocks = estimate_clocks(rig, paths, stamps, names)
-    if not np.any(clocks.offsets):
+    if np.count_nonzero(np.isfinite(clocks.sigmas)) < 2:
         return clocks, list(views)
     still = [view for view in read if view.rectangle not in moving]
     return clocks, still + views_at(paths, instants(stamps, clocks.offsets), clocks.by_camera())
@@ -91,7 +125,10 @@ def retime(
 
 def instants(stamps: Array, offsets: Array) -> Array:
     """Time (S,) s of each frameset: the mean of its images' true times, which keeps interpolation short."""
-    return np.nanmean(np.asarray(stamps, float) + offsets, axis=1)
+    true = np.asarray(stamps, float) + offsets
+    present = np.isfinite(true)
+    with np.errstate(invalid="ignore"):
+        return np.where(present, true, 0.0).sum(axis=1) / present.sum(axis=1)
 
 
 def _as_read(rig: Rig, views: Sequence[View]) -> list[View]:
