@@ -21,6 +21,10 @@ _LEAST_CONTRAST = 12.0
 _WORST_SIGMA = 0.5
 # A corner this many px from the middle of its window is fitted again in a window of its own.
 _RECENTRE = 1.5
+# Share of a row of corners beyond a board's edge that shows the board to be larger.
+_ENOUGH_OF_A_ROW = 0.6
+# Side (px) of the smallest square whose corners are kept apart by blur and pixels.
+_SMALLEST_SQUARE = 5.0
 # px that the model is wrong by on real lenses, added to what noise explains.
 _MODEL_SIGMA = 0.02
 # Largest window (px): farther out the lens bends the squares' edges.
@@ -49,6 +53,8 @@ def detect_chessboard(grey: Array, rectangle: Rectangle, rough: Array | None = N
     if not _all_sure(fit, grid, axes) or signs == 0:
         return None
     pixels = fit.pixels.reshape(grid.shape)
+    if _goes_on(grey, pixels, fit):
+        return None
     readings = _readings(marking, pixels, signs)
     points = board_points(marking.columns, marking.rows, marking.square)
     order = readings[0]
@@ -105,7 +111,28 @@ def _all_sure(fit: CornerFit, grid: Array, axes: Array) -> bool:
     moved = np.linalg.norm(fit.pixels - grid.reshape(-1, 2), axis=1)
     side = np.linalg.norm(axes.reshape(-1, 2, 2), axis=2).min(axis=1)
     # A corner that ran a third of a square away went to another edge.
-    return bool(np.all(_good(fit)) and np.all(moved < np.maximum(1.5, 0.33 * side)))
+    near = np.all(moved < np.maximum(1.5, 0.33 * side))
+    return bool(near and np.all(_good(fit)) and np.min(side) > _SMALLEST_SQUARE)
+
+
+def _goes_on(grey: Array, grid: Array, fit: CornerFit) -> bool:
+    """Whether a row of corners follows beyond the grid's edge: then it is a part of a larger board."""
+    contrast, noise, blur = np.abs(fit.contrast).mean(), np.median(fit.noise), np.median(fit.blur)
+    for turned in (grid, grid[::-1], np.swapaxes(grid, 0, 1), np.swapaxes(grid, 0, 1)[::-1]):
+        beyond = 2 * turned[0] - turned[1]
+        axes = np.stack([np.gradient(beyond, axis=0), turned[1] - turned[0]], axis=1)
+        inside = ((beyond > 3) & (beyond < np.array(grey.shape[::-1]) - 4)).all(axis=1)
+        if np.count_nonzero(inside) < _ENOUGH_OF_A_ROW * len(beyond):
+            continue
+        more = fit_corners(grey, beyond[inside], axes[inside], _window(axes[inside]))
+        side = np.linalg.norm(axes[inside], axis=2).min(axis=1)
+        near = np.linalg.norm(more.pixels - beyond[inside], axis=1) < np.maximum(1.5, 0.15 * side)
+        # The ends of the outermost black squares look like soft, noisy corners; true ones are like their fellows.
+        same = (np.abs(more.contrast) > 0.5 * contrast) & (more.noise < np.maximum(2.5 * noise, 0.04 * contrast))
+        same &= more.blur < 1.5 * blur + 0.3
+        if np.count_nonzero(_good(more) & near & same) >= _ENOUGH_OF_A_ROW * len(beyond):
+            return True
+    return False
 
 
 def _colour_signs(fit: CornerFit, shape: tuple[int, ...]) -> int:

@@ -89,6 +89,9 @@ def _fit(grey: Array, quad: Array) -> tuple[Array, float] | None:
         corners, sigma, fit = fit_outline(grey, corners, np.full((1, 4), reach))
         if not np.isfinite(corners).all() or np.abs(corners[0] - quad).max() > 0.1 * span + 4:
             return None
+    if (corners < 3).any() or (corners > np.array(grey.shape[::-1]) - 4).any():
+        # What the image's own edge cuts off has no corner there.
+        return None
     contrast = fit.contrast
     if np.abs(contrast).min() < _LEAST_CONTRAST or len(set(np.sign(contrast))) > 1:
         return None

@@ -82,9 +82,9 @@ def test_clean_pictures_show_no_bias(rectangle, blur):
     rng = np.random.default_rng(3)
     gaps = []
     for tilted in (0.0, 0.4):
-        for _ in range(6):
+        for _ in range(4):
             where = pose(*rng.uniform(-0.06, 0.06, 2), 0.7, rng.uniform(-tilted, tilted, 3))
-            views = detect(picture(rectangle, where, noise=0.0, blur=blur, samples=8), [rectangle])
+            views = detect(picture(rectangle, where, noise=0.0, blur=blur), [rectangle])
             gaps.append(errors(views[0], where))
     bias = np.concatenate(gaps).mean(axis=0)
     # A convention that is off by half a pixel, or a pull to the pixel grid, shows here.
@@ -233,3 +233,41 @@ def test_two_rectangles_that_look_alike_are_refused(marking: Marking):
 def test_what_is_no_image_is_said(image):
     with pytest.raises(QuadrigError, match="8-bit"):
         detect(image, [TAG])
+
+
+KINDS = [TAG, CHESS, BOARDS[0], BOARDS[3], PLAIN]
+
+
+@pytest.mark.parametrize("rectangle", KINDS, ids=lambda r: repr(r.marking)[:60])
+@pytest.mark.parametrize("step", [0.0, 0.004, 0.1], ids=["still", "slow", "far"])
+def test_near_an_earlier_view_the_same_corners_are_found(rectangle, step):
+    first, then = pose(-0.05, 0.02, 0.8, (0.3, -0.2, 0.2)), pose(-0.05 + step, 0.02, 0.8, (0.3, -0.2 + step, 0.2))
+    before = detect(picture(rectangle, first), [rectangle])
+    image = picture(rectangle, then)
+    near, whole = detect(image, [rectangle], near=before)[0], detect(image, [rectangle])[0]
+    np.testing.assert_array_equal(near.points, whole.points)
+    # The same fit from another start: it ends within its own tolerance.
+    np.testing.assert_allclose(near.pixels, whole.pixels, atol=0.02)
+
+
+def test_another_tag_in_the_place_of_an_earlier_one_is_not_taken_for_it():
+    other = Rectangle("other", 0.16, 0.16, TagMarking("apriltag_36h11", 6))
+    before = detect(picture(TAG, POSES[0]), [TAG])
+    assert detect(picture(other, POSES[0]), [TAG], near=before) == []
+    assert [v.rectangle for v in detect(picture(other, POSES[0]), [TAG, other], near=before)] == ["other"]
+
+
+def test_where_nothing_was_before_all_is_found():
+    views = detect(picture(BOARDS[0], POSES[0]), BOARDS[:1], near=[])
+    assert len(views[0].points) == 12
+
+
+def test_part_of_a_larger_chessboard_is_not_ours():
+    # The same squares, more of them: any six by five corners of it would pass for our board.
+    for columns, rows in ((8, 6), (7, 7), (10, 8)):
+        larger = Rectangle("larger", columns * 0.03, rows * 0.03, ChessboardMarking(columns, rows, 0.03))
+        assert detect(picture(larger, pose(0, 0, 0.6, (0.2, 0.1, 0.1))), [CHESS]) == []
+
+
+def test_sheet_cut_off_by_the_image_is_no_view():
+    assert detect(picture(PLAIN, pose(-0.35, 0, 0.8)), [PLAIN]) == []
