@@ -2,6 +2,7 @@
 
 import math
 import sys
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
@@ -12,6 +13,7 @@ from quadrig.rig.calibrate import calibrate as calibrate_views
 from quadrig.rig.result import Rig
 from quadrig.single.errors import QuadrigError
 
+from .calibrate_job import CalibrateJob
 from .calibrate_recording import Effort, Searched, refuse_missing, search_recording
 from .config import RigConfig, read_config
 from .rig_file import read_rig, write_rig
@@ -36,6 +38,12 @@ def calibrate(
         Path | None, typer.Option(help="An MCAP that keeps what was found, so that a second run is quick.")
     ] = None,
     workers: Annotated[int | None, typer.Option(min=1, help="Worker processes; else one a processor.")] = None,
+    each: Annotated[
+        bool,
+        typer.Option("--each", help="Every RECORDING is a rig of its own; --output is their folder."),
+    ] = False,
+    cluster: Annotated[str | None, typer.Option(help="With --each: a Dask scheduler, tcp://HOST:8786.")] = None,
+    again: Annotated[bool, typer.Option("--again", help="With --each: also those whose results are there.")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="The result as JSON, for programs.")] = False,
 ) -> None:
     """Calibrate the cameras of a recording.
@@ -46,10 +54,17 @@ def calibrate(
     Example: rig calibrate room.mcap --config rig.toml -o rig.mcap
 
     One camera was moved: rig calibrate new.mcap --only cam2 --from rig.mcap -o rig2.mcap
+
+    Many recordings, one rig each: rig calibrate recordings/ --each -o rigs/
     """
     described = read_config(config)
     if bool(only) != (before is not None):
         raise QuadrigError("--only and --from belong together: give the camera that moved and the rig from before")
+    if each:
+        _calibrate_each(
+            recording, output, CalibrateJob(described.text, tolerance, share, allow_missing), workers, cluster, again
+        )
+        return
     earlier = read_rig(before) if before is not None else None
     effort = Effort(tolerance, share, workers, cache)
     searched = search_recording(recording, described, effort)
@@ -71,6 +86,30 @@ def _solve(searched: Searched, config: RigConfig, only: list[str], earlier: Rig 
     # A camera of the earlier rig that this recording does not hold stays as it was: nothing is missing.
     held = {camera.name for camera in earlier.cameras}
     return replace(rig, missing={name: why for name, why in rig.missing.items() if name not in held})
+
+
+def _calibrate_each(
+    recordings: list[Path],
+    output: Path,
+    calibrate_one: CalibrateJob,
+    workers: int | None,
+    cluster: str | None,
+    again: bool,
+) -> None:
+    from .fleet import dask_executor, find_jobs, run_fleet
+
+    if output.suffix == ".mcap":
+        raise QuadrigError(f"--each writes many results and {output} is one file; give a folder with --output")
+    jobs = find_jobs(recordings, output)
+    output.mkdir(parents=True, exist_ok=True)
+    failed = 0
+    with dask_executor(cluster) if cluster else nullcontext() as executor:
+        for outcome in run_fleet(calibrate_one, jobs, workers, executor, again):
+            state = "failed: " if outcome.failed else "" if outcome.kept else f"{outcome.seconds:.0f} s: "
+            print(f"{outcome.job.output}: {state}{outcome.message}", flush=True)
+            failed += outcome.failed
+    if failed:
+        raise QuadrigError(f"{failed} of {len(jobs)} recordings failed; their lines above say why")
 
 
 def _show(rig: Rig, output: Path, as_json: bool) -> None:

@@ -5,7 +5,6 @@ import os
 import sys
 from collections.abc import Callable, Sequence
 from importlib import import_module
-from importlib.util import find_spec
 from typing import Annotated
 
 import typer
@@ -65,11 +64,6 @@ def run(arguments: Sequence[str]) -> int:
     return 0
 
 
-def installed_commands() -> dict[str, str]:
-    """The commands whose modules are there, each with its line."""
-    return {name: line for name, line in COMMANDS.items() if find_spec(f"quadrig.io.{name}_command")}
-
-
 def _application(wanted: str) -> typer.Typer:
     app = typer.Typer(
         help=_EXAMPLE,
@@ -80,7 +74,7 @@ def _application(wanted: str) -> typer.Typer:
         context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110},
     )
     app.callback()(_options)
-    for name, line in installed_commands().items():
+    for name, line in COMMANDS.items():
         function = _function(name) if name == wanted else _named
         described = inspect.getdoc(function) if name == wanted else line
         app.command(name, help=described, short_help=line)(function)

@@ -85,11 +85,11 @@ def test_help_lists_every_command_quickly_and_imports_none() -> None:
     code = f"import sys; from quadrig.io.commands import run; run(['--help']); print('heavy:', {heavy})"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert "heavy: []" in done.stdout
-    for name in commands.installed_commands():
+    for name in commands.COMMANDS:
         assert f"  {name} " in done.stdout
 
 
-@pytest.mark.parametrize("name", commands.installed_commands())
+@pytest.mark.parametrize("name", commands.COMMANDS)
 def test_every_command_has_help_with_an_example(name: str) -> None:
     done = rig(name, "--help")
     assert done.returncode == 0, done.stderr
@@ -179,6 +179,19 @@ def test_a_place_that_cannot_be_written_is_named(pictures: Path, tmp_path: Path)
     result = tmp_path / "nowhere" / "rig.mcap"
     done = rig("calibrate", pictures / "left", pictures / "right", "-c", pictures / "rig.toml", "-o", result)
     assert_one_sentence(done, "nowhere")
+
+
+def test_each_recording_becomes_a_rig_of_its_own(pictures: Path, tmp_path: Path) -> None:
+    for name in ("monday", "tuesday"):
+        arguments = [f"--camera={side}={pictures / side}" for side in ("left", "right")]
+        assert rig("record", *arguments, "-o", tmp_path / f"{name}.mcap").returncode == 0
+    arguments = ["calibrate", tmp_path, "--each", "-c", pictures / "rig.toml", "-o", tmp_path / "rigs"]
+    done = rig(*arguments)
+    assert done.returncode == 0, done.stderr
+    written = sorted(path.name for path in (tmp_path / "rigs").iterdir())
+    assert written == ["monday.rig.mcap", "tuesday.rig.mcap"]
+    assert rig(*arguments).stdout.count("kept") == 2
+    assert_one_sentence(rig(*arguments[:-1], tmp_path / "one.mcap"), "--each", "folder")
 
 
 def test_only_needs_the_rig_from_before(pictures: Path) -> None:

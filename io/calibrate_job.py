@@ -1,0 +1,39 @@
+"""One recording of a fleet calibrated in a process of its own: from files to a file, and one line of words."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from quadrig.rig.calibrate import calibrate
+
+from .calibrate_recording import Effort, refuse_missing, search_recording
+from .config import RigConfig, parse_config
+from .fleet import Job
+from .result_table import millimetres
+from .rig_file import write_rig
+
+
+@dataclass(frozen=True)
+class CalibrateJob:
+    """What run_fleet calls for every recording: `rig calibrate` with one rig.toml for all.
+
+    config_text: the rig.toml; it travels to other machines where the recordings have the same paths, the rig.toml
+    perhaps not.
+    """
+
+    config_text: str
+    tolerance: float | None = None
+    share: float = 1.0
+    allow_missing: bool = False
+
+    def __call__(self, job: Job) -> str:
+        """Calibrates one recording and writes its rig. Raises QuadrigError as `rig calibrate` does."""
+        config: RigConfig = parse_config(self.config_text)
+        # Every process has one recording: it searches by itself and shows no bar of its own.
+        effort = Effort(self.tolerance, self.share, workers=1, progress=False)
+        searched = search_recording([Path(path) for path in job.recording], config, effort)
+        rig = calibrate(searched.cameras, config.rectangles, searched.views, config.reference)
+        if not self.allow_missing:
+            refuse_missing(rig)
+        write_rig(job.output, rig, self.config_text, searched.times)
+        accuracy = millimetres(rig.working_accuracy)
+        return f"working accuracy {accuracy}, {len(rig.cameras)} cameras, RMS {rig.rms:.3f} px"
