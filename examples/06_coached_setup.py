@@ -146,19 +146,19 @@ def obeys(rng: np.random.Generator, room: Room, advice: Advice, rig: Rig | None)
     if advice.ghost is not None and rig is not None:
         world_from_rig = room.world_from_cameras[room.names.index(rig.reference)]
         return trembled(rng, world_from_rig @ advice.ghost)
-    cameras = [room.world_from_cameras[room.names.index(name)] for name in advice.cameras]
-    if len(cameras) == 1 and advice.kind == "connect":
-        cameras.append(next_to(room, cameras[0]))
+    groups = advice.groups or (advice.cameras, room.names)
+    cameras = next_to_each_other(room, groups[0], groups[1])
     viewpoint = np.mean([camera.translation for camera in cameras], axis=0)
-    # In the middle of the room, before the cameras, and turned to half way between them.
+    # In the middle of the room, before the two cameras, and turned to half way between them.
     place = 0.15 * viewpoint + rng.uniform(-0.2, 0.2, 3)
     return trembled(rng, Pose(looking_at(viewpoint, place).rotation, place))
 
 
-def next_to(room: Room, camera: Pose) -> Pose:
-    """The camera that somebody in the room sees next to this one."""
-    others = [other for other in room.world_from_cameras if other is not camera]
-    return min(others, key=lambda other: float(np.linalg.norm(other.translation - camera.translation)))
+def next_to_each_other(room: Room, first: tuple[str, ...], second: tuple[str, ...]) -> tuple[Pose, Pose]:
+    """The cameras, one of each group, that somebody in the room sees next to each other."""
+    place = dict(zip(room.names, room.world_from_cameras, strict=True))
+    pairs = [(place[a], place[b]) for a in first for b in second if a != b]
+    return min(pairs, key=lambda pair: float(np.linalg.norm(pair[0].translation - pair[1].translation)))
 
 
 def trembled(rng: np.random.Generator, pose: Pose) -> Pose:

@@ -1,7 +1,7 @@
 """Coaching: of all that could be said to the person with the sheet, the one sentence that lowers the doubt most."""
 
 from collections.abc import Collection, Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -21,6 +21,7 @@ from .next_view import (
     seen,
     within_reach,
 )
+from .planning import planning_doubt
 from .result import Rig
 from .working_accuracy import covered_points
 
@@ -34,7 +35,7 @@ _REACHED_METRES, _REACHED_ANGLE = 0.12, np.deg2rad(20)
 # Two cameras that saw this many sheets together need not be told again to share.
 _ENOUGH_COMMON = 3
 # A new place may be so many times less sure (variance) than the mean of the volume covered so far.
-_WIDER_DOUBT = 3.0
+_WIDER_DOUBT = 1.5
 _REGION_WORDS = {
     (-1, -1): "upper left corner", (0, -1): "upper edge", (1, -1): "upper right corner",
     (-1, 0): "left edge", (0, 0): "middle", (1, 0): "right edge",
@@ -47,7 +48,8 @@ class Advice:
     """One sentence, and what it means for a program.
 
     cameras: whom it concerns. ghost: where the sheet should be, rig_from_rect, of rectangle `rectangle`; None
-    where the rig has no frame yet. expected: the working accuracy, m, after one View there.
+    where the rig has no frame yet. expected: the working accuracy, m, after one View there. groups: for "connect",
+    one camera of each of two groups should see the sheet.
     """
 
     kind: AdviceKind
@@ -56,6 +58,7 @@ class Advice:
     rectangle: str = ""
     ghost: Pose | None = None
     expected: float = float("nan")
+    groups: tuple[tuple[str, ...], ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,29 +136,41 @@ def _first(situation: Situation) -> Advice:
         return Advice("show", f"hold the sheet in front of {first}, tilted this way and that", (first,))
     if len(situation.cameras) == 2:
         pair = situation.cameras
-        return Advice("connect", f"hold the sheet where {pair[0]} and {pair[1]} both see it", pair)
-    return Advice("connect", f"hold the sheet where {first} and the camera next to it both see it", (first,))
+        groups = ((pair[0],), (pair[1],))
+        return Advice("connect", f"hold the sheet where {pair[0]} and {pair[1]} both see it", pair, groups=groups)
+    sentence = f"hold the sheet where {first} and the camera next to it both see it"
+    return Advice("connect", sentence, (first,), groups=((first,), situation.cameras[1:]))
 
 
 def _connect(situation: Situation, parts: Sequence[tuple[str, ...]]) -> Advice:
     """The cameras of different groups that should see one sheet together.
 
-    Somebody in the room sees which camera stands next to a lone one; of two groups the pair is named that is
-    likeliest to have a place in common.
+    Somebody in the room sees which cameras stand next to each other; the sentence leaves them that choice.
     """
+    seen_by = {view.camera for view in situation.views}
     lone = [part[0] for part in parts[1:] if len(part) == 1 and frozenset(part) not in situation.refused_pairs]
     if lone and len(situation.cameras) > 2:
-        seen_by = {view.camera for view in situation.views}
         camera = min(lone, key=lambda name: (name in seen_by, situation.cameras.index(name)))
         said = "shares nothing with the others" if camera in seen_by else "has not seen the sheet"
         where = f"where {camera} and the camera next to it both see it"
-        return Advice("connect", f"{camera} {said} yet: hold the sheet {where}", (camera,))
+        others = tuple(name for name in situation.cameras if name != camera)
+        return Advice(
+            "connect", f"{camera} {said} yet: hold the sheet {where}", (camera,), groups=((camera,), others)
+        )
+    groups = (parts[0], parts[1])
+    if len(parts[0]) > 1 and not _refused_groups(situation, groups):
+        first, second = (" or ".join(part) if len(part) < 4 else f"{part[0]} to {part[-1]}" for part in groups)
+        sentence = f"hold the sheet where one of {first} and one of {second} both see it: they share nothing yet"
+        return Advice("connect", sentence, tuple(sorted((*parts[0], *parts[1]))), groups=groups)
     pairs = [(a, b) for k, part in enumerate(parts) for other in parts[k + 1 :] for a in part for b in other]
     open_pairs = [pair for pair in pairs if frozenset(pair) not in situation.refused_pairs]
     first, second = min(open_pairs or pairs, key=lambda pair: _apart(situation, *pair))
-    return Advice(
-        "connect", f"{first} and {second} share nothing yet: hold the sheet where both see it", (first, second)
-    )
+    sentence = f"{first} and {second} share nothing yet: hold the sheet where both see it"
+    return Advice("connect", sentence, (first, second), groups=((first,), (second,)))
+
+
+def _refused_groups(situation: Situation, groups: tuple[tuple[str, ...], ...]) -> bool:
+    return frozenset((*groups[0], *groups[1])) in situation.refused_pairs
 
 
 def _apart(situation: Situation, first: str, second: str) -> tuple[float, int, int]:
@@ -176,12 +191,14 @@ def _unplaced(situation: Situation) -> Advice:
 
 def best_placement(situation: Situation, rig: Rig) -> Advice | None:
     """The placement that lowers the rig's doubt most and why, in a sentence; None where nothing helps."""
+    cameras, covariance = planning_doubt(rig)
+    rig = replace(rig, cameras=cameras, covariance=covariance)
     volume = covered_points(rig.rectangles)
     weight = accuracy_weight(rig.cameras, volume)
     before = float(np.trace(weight @ rig.covariance))
     best: tuple[float, Placements, Array, Array, int] | None = None
     for rectangle in _in_hand(situation.rectangles):
-        placements = imagine(rig.cameras, rectangle)
+        placements = imagine(rig.cameras, rectangle, volume)
         good = within_reach(placements, volume) & ~_refused(placements, situation.refused)
         good &= seen(rig.cameras, placements).any(1)
         if not good.any():
@@ -253,7 +270,9 @@ def _why(
     if row.any():
         losses["region"] = _loss(drops, chosen, middle)
     if elsewhere.any():
-        losses["nearer" if fill > 0.25 else "farther"] = 0.5 * _loss(drops, chosen, elsewhere)
+        losses["nearer" if fill > float(np.median(placements.fill[same_camera])) else "farther"] = 0.5 * _loss(
+            drops, chosen, elsewhere
+        )
     if together:
         common = _common_views(situation, camera, together[0])
         losses["share"] = together[1] / (1 + common / _ENOUGH_COMMON)

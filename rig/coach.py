@@ -34,6 +34,8 @@ class Coach:
             or (said.ghost is None) != (proposal.ghost is None)
         ):
             return replace(self, advice=proposal, since=now)
+        if said.ghost is None and said.sentence != proposal.sentence:
+            return replace(self, advice=proposal, since=now)
         if shown and shown >= set(said.cameras):
             return replace(self, advice=proposal, since=now)
         if now - self.since < _PATIENCE:

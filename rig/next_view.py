@@ -24,6 +24,8 @@ _REGIONS = tuple((column, row) for row in (-1, 0, 1) for column in (-1, 0, 1))
 _REGION_REACH = 0.62
 # How much of the picture's width the sheet takes: nearer is blurred and crowded, farther is badly measured.
 FILLS = (0.12, 0.2, 0.32, 0.5)
+# Distances of imagined sheets, as multiples of the distance at which they have been.
+_AS_FAR = np.array([0.75, 1.0, 1.25])
 # A tilt a person holds by eye; beyond 55 degrees tags are read less surely.
 _TILT = np.deg2rad(40)
 _TILTS = ((0.0, 0.0), (_TILT, 0.0), (-_TILT, 0.0), (0.0, _TILT), (0.0, -_TILT))
@@ -86,9 +88,12 @@ def planning_points(rectangle: Rectangle) -> tuple[Array, float]:
     return points, float(np.sqrt(len(points) / (columns * rows)))
 
 
-def imagine(cameras: Sequence[Camera], rectangle: Rectangle) -> Placements:
-    """Placements in each camera's picture, by region, size and tilt, and facing between it and each other camera."""
-    parts = [_imagine_before(cameras, index, rectangle) for index in range(len(cameras))]
+def imagine(cameras: Sequence[Camera], rectangle: Rectangle, been: Array | None = None) -> Placements:
+    """Placements in each camera's picture, by region, size and tilt, and facing between it and each other camera.
+
+    been (N, 3): where the sheet has been; placements as far from each camera as that are among them.
+    """
+    parts = [_imagine_before(cameras, index, rectangle, been) for index in range(len(cameras))]
     rotation = np.concatenate([part.rig_from_rect.rotation for part in parts])
     translation = np.concatenate([part.rig_from_rect.translation for part in parts])
     names = ("camera", "region", "fill", "tilt", "toward")
@@ -99,10 +104,20 @@ def imagine(cameras: Sequence[Camera], rectangle: Rectangle) -> Placements:
     )
 
 
-def _imagine_before(cameras: Sequence[Camera], index: int, rectangle: Rectangle) -> Placements:
+def _fills(camera: Camera, rectangle: Rectangle, been: Array | None) -> Array:
+    """Parts of the picture's width: the usual ones, and those at the distances where the sheet has been."""
+    if been is None or not len(been):
+        return np.array(FILLS)
+    distance = float(np.median(np.linalg.norm(been - camera.rig_from_camera.translation, axis=-1)))
+    lens = camera.intrinsics
+    return np.array([*FILLS, *(lens.focal * rectangle.width / (lens.width * distance * _AS_FAR))])
+
+
+def _imagine_before(cameras: Sequence[Camera], index: int, rectangle: Rectangle, been: Array | None) -> Placements:
     camera = cameras[index]
     lens, pose = camera.intrinsics, camera.rig_from_camera
-    region, fill = (a.reshape(-1, a.shape[-1]) for a in _product(np.array(_REGIONS, float), np.array(FILLS)[:, None]))
+    fills = _fills(camera, rectangle, been)
+    region, fill = (a.reshape(-1, a.shape[-1]) for a in _product(np.array(_REGIONS, float), fills[:, None]))
     half = np.array([lens.width - 1, lens.height - 1]) / 2
     ray = lens.unproject(half + region * half * _REGION_REACH)
     distance = lens.focal * rectangle.width / (fill * lens.width)

@@ -1,16 +1,15 @@
 """Whether the sizes of rectangles agree: a sheet printed at 97 % makes every camera stand 3 % too near."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from quadrig.single.pose import Pose
 from quadrig.single.rotation import Array
 
 from .capture_faults import Fault
-from .information import camera_derivatives, rectangle_derivatives, scaled_inverse
-from .result import CAMERA_PARAMETERS, PlacedRectangle, Rig, ViewFit
+from .fit_rows import instances, pose_of, rows_of
+from .information import scaled_inverse
+from .result import CAMERA_PARAMETERS, Rig
 
 # Printers err by more than this when they "fit to page" (94 to 98 %); a ruler reads an A4 sheet to 0.2 %.
 _LEAST_ERROR = 0.004
@@ -56,13 +55,16 @@ def relative_scales(rig: Rig) -> Scales | None:
 
     None where fewer than two rectangles were used. The first rectangle's size is taken as true.
     """
-    names = tuple(sorted({fit.view.rectangle for fit in rig.fits if _prediction(rig, fit) is not None}))
+    names = tuple(sorted({fit.view.rectangle for fit in rig.fits if pose_of(rig, fit) is not None}))
     if len(names) < 2:
         return None
     size = len(rig.cameras) * CAMERA_PARAMETERS
     normal, gradient = np.zeros((size + len(names),) * 2), np.zeros(size + len(names))
-    for group in _instances(rig):
-        by_all, by_rectangle, residuals = _group_rows(rig, group, names)
+    for group in instances(rig):
+        by_cameras, by_size, by_rectangle, residuals = rows_of(rig, rig.cameras, group)
+        by_sizes = np.zeros((len(by_size), len(names)))
+        by_sizes[:, names.index(group[0].view.rectangle)] = by_size
+        by_all = np.concatenate([by_cameras, by_sizes], axis=1)
         inner = np.linalg.pinv(by_rectangle.T @ by_rectangle) @ by_rectangle.T
         projected = by_all - by_rectangle @ (inner @ by_all)
         normal += projected.T @ projected
@@ -84,46 +86,3 @@ def _reference_rows(rig: Rig) -> slice:
     names = [camera.name for camera in rig.cameras]
     start = (names.index(rig.reference) if rig.reference in names else 0) * CAMERA_PARAMETERS + 9
     return slice(start, start + 6)
-
-
-def _instances(rig: Rig) -> list[list[ViewFit]]:
-    groups: dict[tuple[str, int], list[ViewFit]] = {}
-    moving = {placed.name for placed in rig.rectangles if placed.framesets.size}
-    for fit in rig.fits:
-        if _prediction(rig, fit) is not None:
-            frameset = fit.view.frameset if fit.view.rectangle in moving else -1
-            groups.setdefault((fit.view.rectangle, frameset), []).append(fit)
-    return list(groups.values())
-
-
-def _prediction(rig: Rig, fit: ViewFit) -> Pose | None:
-    """Where the rectangle of a fit stood, None where the View had no part in the rig."""
-    if not np.isfinite(fit.residuals).any() or not any(c.name == fit.view.camera for c in rig.cameras):
-        return None
-    placed = next((p for p in rig.rectangles if p.name == fit.view.rectangle), None)
-    return None if placed is None else _pose_at(placed, fit.view.frameset)
-
-
-def _pose_at(placed: PlacedRectangle, frameset: int) -> Pose | None:
-    if not placed.framesets.size:
-        return placed.rig_from_rect
-    found = np.flatnonzero(placed.framesets == frameset)
-    return placed.rig_from_rect[int(found[0])] if len(found) else None
-
-
-def _group_rows(rig: Rig, group: Sequence[ViewFit], names: Sequence[str]) -> tuple[Array, Array, Array]:
-    """Of all pixels of one placed rectangle: by cameras and scales, by its pose, and the residuals."""
-    size, parts = len(rig.cameras) * CAMERA_PARAMETERS, []
-    for fit in group:
-        index, pose = rig.camera_index(fit.view.camera), _prediction(rig, fit)
-        assert pose is not None
-        points = fit.view.readings[fit.reading]
-        _, by_camera, by_point = camera_derivatives(rig.cameras[index], pose.transform(points))
-        good = np.isfinite(fit.residuals).all(-1) & fit.used & np.isfinite(by_point).all((1, 2))
-        rows = np.zeros((2 * int(good.sum()), size + len(names)))
-        rows[:, index * CAMERA_PARAMETERS : (index + 1) * CAMERA_PARAMETERS] = by_camera[good].reshape(len(rows), -1)
-        arm = (points @ pose.rotation.T)[good]
-        rows[:, size + names.index(fit.view.rectangle)] = (by_point[good] @ arm[..., None]).reshape(-1)
-        by_pose = rectangle_derivatives(by_point, pose, points)[good].reshape(len(rows), 6)
-        parts.append((rows, by_pose, fit.residuals[good].reshape(-1)))
-    return tuple(np.concatenate(column) for column in zip(*parts, strict=True))  # type: ignore[return-value]

@@ -208,10 +208,14 @@ def test_cameras_are_brought_together_from_the_first_word():
     assert connected([c.name for c in cameras], apart, [SHEET]) == (("cam0", "cam1"), ("cam2", "cam3"))
     advice = advise(situation_of(cameras, views=apart))
     assert advice.kind == "connect"
-    assert "share nothing yet: hold the sheet where both see it" in advice.sentence
-    assert {c in ("cam0", "cam1") for c in advice.cameras} == {True, False}
-    again = advise(situation_of(cameras, views=apart, refused_pairs=frozenset({frozenset(advice.cameras)})))
-    assert set(again.cameras) != set(advice.cameras)
+    assert advice.groups == (("cam0", "cam1"), ("cam2", "cam3"))
+    assert "one of cam0 or cam1 and one of cam2 or cam3 both see it: they share nothing yet" in advice.sentence
+    # Where that was in vain, pairs are named one by one.
+    in_vain = frozenset({frozenset(advice.cameras)})
+    pair = advise(situation_of(cameras, views=apart, refused_pairs=in_vain))
+    assert "share nothing yet: hold the sheet where both see it" in pair.sentence
+    other = advise(situation_of(cameras, views=apart, refused_pairs=in_vain | {frozenset(pair.cameras)}))
+    assert set(other.cameras) != set(pair.cameras)
 
 
 def test_a_static_sheet_connects_cameras_across_framesets():
@@ -318,11 +322,15 @@ def test_obeying_needs_at_most_half_the_framesets_of_waving():
 def test_a_coach_waits_until_it_was_obeyed_or_in_vain():
     first, second = (Advice("connect", word, pair) for word, pair in (("one", ("a", "b")), ("two", ("b", "c"))))
     coach = Coach().hear(first, frozenset(), 0.0)
-    assert coach.hear(second, frozenset("a"), 3.0).advice is first
-    assert coach.hear(second, frozenset("abc"), 3.0).advice is second
-    late = coach.hear(second, frozenset(), 30.0)
-    assert late.advice is second
+    assert coach.hear(first, frozenset("a"), 3.0) is coach
+    assert coach.hear(second, frozenset(), 3.0).advice is second
+    late = coach.hear(replace(first), frozenset(), 30.0)
     assert late.refused_pairs == {frozenset(("a", "b"))}
+    ghosts = [replace(first, kind="share", ghost=Pose(np.eye(3), np.full(3, float(k)))) for k in range(2)]
+    coach = Coach().hear(ghosts[0], frozenset(), 0.0)
+    assert coach.hear(ghosts[1], frozenset("a"), 3.0).advice is ghosts[0]
+    assert coach.hear(ghosts[1], frozenset("ab"), 3.0).advice is ghosts[1]
+    assert coach.hear(ghosts[1], frozenset(), 30.0).refused == (ghosts[0].ghost,)
 
 
 @pytest.mark.parametrize(
