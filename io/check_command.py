@@ -1,6 +1,7 @@
 """`rig check`: has a camera of the rig moved?"""
 
 import json
+import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -10,7 +11,7 @@ import numpy as np
 import typer
 
 from quadrig.rig.moved import CameraMove, find_moved
-from quadrig.rig.verdict import length
+from quadrig.rig.verdict import length, out_of_step
 from quadrig.single.errors import QuadrigError
 from quadrig.single.rectangle import Rectangle
 from quadrig.single.view import View
@@ -20,6 +21,9 @@ from .rig_file import RigFile, read_rig_file
 MOVED = 3
 """Exit code where a camera has moved."""
 
+# Consecutive framesets that tell how a rectangle moves, with some to spare at both ends.
+_RUN = 20
+
 
 def check(
     rig: Annotated[Path, typer.Argument(help="The rig as it was calibrated.", metavar="RIG.mcap")],
@@ -27,7 +31,7 @@ def check(
     false_alarms: Annotated[
         float, typer.Option(min=1e-9, max=0.5, help="Chance of an alarm on a rig that did not move.")
     ] = 0.01,
-    framesets: Annotated[int, typer.Option(min=1, help="Search this many framesets, spread over all.")] = 40,
+    framesets: Annotated[int, typer.Option(min=1, help="Search at most this many framesets.")] = 120,
     as_json: Annotated[bool, typer.Option("--json", help="The answers as JSON.")] = False,
 ) -> None:
     """Tell from a new recording whether a camera has moved since the rig was calibrated.
@@ -40,6 +44,12 @@ def check(
     held = read_rig_file(rig)
     rectangles, views = views_of(held, recording, framesets)
     moves = find_moved(held.rig, rectangles, views, false_alarms)
+    if out_of_step(held.rig):
+        print(
+            "note: Views of this rig disagree by far more than their sigmas (cameras out of step, or a bent "
+            "rectangle), so that small moves may be called that are none",
+            file=sys.stderr,
+        )
     print(json.dumps(move_values(moves, false_alarms), indent=2) if as_json else "\n".join(map(sentence, moves)))
     if all(move.state == "cannot tell" for move in moves):
         raise QuadrigError(f"{recording[0]}: nothing can be told of any camera; {moves[0].why}")
@@ -82,9 +92,19 @@ def views_of(held: RigFile, paths: Sequence[Path], most: int) -> tuple[tuple[Rec
             )
     recording = replace(recording, cameras=cameras)
     every = build_framesets(recording)
-    chosen = np.unique(np.linspace(0, len(every) - 1, min(most, len(every))).round().astype(int))
+    chosen = spread_runs(len(every), most)
     part = replace(every, times=every.times[chosen], frames=every.frames[chosen])
     return tuple(rectangles.values()), find_views(recording, part, list(rectangles.values()))
+
+
+def spread_runs(count: int, most: int) -> np.ndarray:
+    """Indices of at most so many of `count` framesets, in runs that are spread over all: in a run the paths of moving
+    rectangles are told, and with them the clocks of cameras that are out of step."""
+    if count <= most:
+        return np.arange(count)
+    length_of_run = min(_RUN, most)
+    starts = np.linspace(0, count - length_of_run, max(most // length_of_run, 1)).round().astype(int)
+    return np.unique(starts[:, None] + np.arange(length_of_run))
 
 
 def move_values(moves: Sequence[CameraMove], false_alarms: float) -> dict:

@@ -78,7 +78,6 @@ def read_rig(path: Path | str) -> Rig:
 
 def read_rig_file(path: Path | str) -> RigFile:
     """All that a rig.mcap holds. Raises QuadrigError where the file is absent, no MCAP, or holds no rig."""
-    from mcap.exceptions import McapError
     from mcap.reader import make_reader
 
     path = Path(path)
@@ -97,7 +96,10 @@ def read_rig_file(path: Path | str) -> RigFile:
         rig, times = decode_rig(records[-1], tuple(decode_view(view) for view in views))
     except OSError as error:
         raise QuadrigError(f"cannot read {path}: {error.strerror}") from error
-    except (McapError, msgspec.MsgspecError, EOFError, UnicodeDecodeError, ValueError) as error:
+    except QuadrigError:
+        raise
+    # Damage shows as whatever the parsers of mcap, zstd and JSON stumble over.
+    except Exception as error:
         raise QuadrigError(
             f"{path} cannot be read as a rig.mcap ({_first_line(error)}); write it again with `rig calibrate`"
         ) from error

@@ -92,6 +92,12 @@ def _usual(told: Sequence[Disagreement]) -> float:
     return float(np.median(sigmas)) if sigmas else 1.0
 
 
+def out_of_step(rig: Rig) -> float:
+    """Median disagreement of the Views, in sigmas, where it is so large that no single View is to blame; else 0."""
+    usual = _usual(disagreements(rig))
+    return usual if usual > _LOOSE else 0.0
+
+
 def _contradictions(rig: Rig) -> list[str]:
     every = disagreements(rig)
     usual, limit = _usual(every), contradiction_limit(every)

@@ -84,6 +84,17 @@ def test_the_command_and_the_function_agree(example):
     assert [move.name for move in moves if move.state == "moved"] == ["cam1"]
 
 
+@pytest.mark.parametrize(("count", "most"), [(10, 40), (111, 120), (1000, 120), (50, 7), (121, 120)])
+def test_framesets_are_searched_in_runs(count, most):
+    from quadrig.io.check_command import spread_runs
+
+    chosen = spread_runs(count, most)
+    assert len(chosen) <= most
+    assert len(chosen) >= min(count, most) / 2
+    assert (chosen[0], chosen[-1]) == (0, count - 1) or most < 20
+    assert len(np.unique(chosen)) == len(chosen)
+
+
 def test_a_recording_of_other_cameras_is_one_sentence(rig_path, tmp_path, capsys):
     import cv2
 

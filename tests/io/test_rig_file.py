@@ -94,7 +94,7 @@ def test_a_surveyed_reference_names_the_world(example_rig):
     assert rig_frame_name(replace(example_rig, reference="desk", rectangles=(at_origin,))) == "desk"
 
 
-@pytest.mark.parametrize("content", [b"", b"not mcap at all", None])
+@pytest.mark.parametrize("content", [b"", b"nothing", b"not mcap at all", b"\x89MCAP0\r\n", None])
 def test_what_is_no_rig_is_one_sentence(content, tmp_path):
     path = tmp_path / "x.mcap"
     if content is not None:
@@ -111,6 +111,17 @@ def test_a_broken_file_is_one_sentence(rig_path, tmp_path):
         path.write_bytes(whole[:cut])
         with pytest.raises(QuadrigError, match=r"half\.mcap"):
             read_rig(path)
+
+
+def test_damage_is_one_sentence_or_harmless(rig_path, tmp_path):
+    whole, rng = rig_path.read_bytes(), np.random.default_rng(3)
+    path = tmp_path / "damaged.mcap"
+    for place in rng.integers(8, len(whole), 40):
+        path.write_bytes(whole[:place] + bytes([whole[place] ^ 0x55]) + whole[place + 1 :])
+        try:
+            read_rig(path)
+        except QuadrigError as error:
+            assert "damaged.mcap" in str(error)
 
 
 def test_nothing_is_left_where_writing_fails(example_rig, tmp_path):

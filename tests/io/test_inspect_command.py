@@ -1,0 +1,76 @@
+"""`rig inspect` as a command: files written whole or not at all, pictures of the recording found by their times."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from quadrig.io.commands import run
+from quadrig.io.picture_source import rig_pictures
+from quadrig.io.rig_file import write_rig
+from quadrig.single.errors import QuadrigError
+
+
+@pytest.fixture
+def rig_path(example_rig, tmp_path):
+    write_rig(tmp_path / "rig.mcap", example_rig)
+    return tmp_path / "rig.mcap"
+
+
+@pytest.fixture
+def pictures(tmp_path) -> Path:
+    """Folders of twelve pictures a camera, each of one grey that tells camera and frameset."""
+    for camera in range(4):
+        folder = tmp_path / "room" / f"cam{camera}"
+        folder.mkdir(parents=True)
+        for frameset in range(12):
+            grey = np.full((720, 1280), 10 + 50 * camera + 3 * frameset, np.uint8)
+            cv2.imwrite(str(folder / f"{frameset:03d}.png"), grey)
+    return tmp_path / "room"
+
+
+def test_a_file_for_rerun_is_written(rig_path, tmp_path, capsys):
+    assert run(["inspect", str(rig_path), "--save", str(tmp_path / "x.rrd")]) == 0
+    assert capsys.readouterr().out.strip() == str(tmp_path / "x.rrd")
+    assert (tmp_path / "x.rrd").stat().st_size > 10_000
+
+
+def test_pictures_stand_at_their_framesets(example_rig, pictures):
+    found = list(rig_pictures(example_rig, (), [pictures]))
+    assert len(found) == 4 * 12
+    for frameset, camera, jpeg in found[::7]:
+        grey = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_GRAYSCALE)
+        assert abs(int(grey.mean()) - (10 + 50 * int(camera[3:]) + 3 * frameset)) <= 1
+    assert len(list(rig_pictures(example_rig, (), [pictures], most=3))) == 4 * 3
+
+
+def test_pictures_go_into_the_file(rig_path, pictures, tmp_path):
+    from rerun.chunk import RrdReader
+
+    assert run(["inspect", str(rig_path), str(pictures), "--save", str(tmp_path / "x.rrd")]) == 0
+    rows = 0
+    for chunk in RrdReader(str(tmp_path / "x.rrd")).stream():
+        if str(chunk.entity_path) == "/space/cameras/cam1/picture":
+            rows += chunk.to_record_batch().num_rows
+    assert rows == 12
+
+
+def test_a_recording_without_the_cameras_is_one_sentence(example_rig, rig_path, tmp_path, capsys):
+    folder = tmp_path / "elsewhere"
+    folder.mkdir()
+    cv2.imwrite(str(folder / "000.png"), np.zeros((60, 80), np.uint8))
+    with pytest.raises(QuadrigError, match="cam"):
+        list(rig_pictures(example_rig, (), [folder]))
+    assert run(["inspect", str(rig_path), str(folder), "--save", str(tmp_path / "x.rrd")]) == 1
+    caught = capsys.readouterr()
+    assert "Traceback" not in caught.err
+    assert not (tmp_path / "x.rrd").exists()
+    assert {path.name for path in tmp_path.iterdir()} == {"rig.mcap", "elsewhere"}
+
+
+def test_what_is_no_rig_is_one_sentence(tmp_path, capsys):
+    (tmp_path / "x.mcap").write_bytes(b"nothing")
+    assert run(["inspect", str(tmp_path / "x.mcap"), "--save", str(tmp_path / "x.rrd")]) == 1
+    assert "x.mcap" in capsys.readouterr().err
+    assert run(["inspect"]) == 2
