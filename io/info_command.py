@@ -7,7 +7,10 @@ from typing import Annotated, Any
 
 import typer
 
+from quadrig.single.errors import QuadrigError
+
 from .framesets import CameraReport, Framesets, build_framesets
+from .mcap_reader import index_mcap, is_mcap
 from .recording import RecordedCamera, Recording, open_recording
 
 
@@ -16,18 +19,44 @@ def info(
     tolerance: Annotated[float | None, typer.Option(help="Most that stamps of one instant differ, seconds.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="For programs.")] = False,
 ) -> None:
-    """Say what is in a recording, which topics are cameras and what would be used.
+    """Say what is in a recording, which topics are cameras and what would be used; or what a rig.mcap holds.
 
     Images are grouped by the time of their recording here, which is quick; calibrate goes by their own stamps.
 
     Example: rig info room.mcap
     """
-    opened = open_recording(recording)
+    try:
+        opened = open_recording(recording)
+    except QuadrigError:
+        if len(recording) == 1 and _is_rig(recording[0]):
+            _print_rig(recording[0], as_json)
+            return
+        raise
     framesets = build_framesets(opened, tolerance, quick=True)
     if as_json:
         print(json.dumps(_as_json(opened, framesets), indent=2))
         return
     _print(opened, framesets)
+
+
+def _is_rig(path: Path) -> bool:
+    from .rig_file import RIG_TOPIC
+
+    return path.is_file() and is_mcap(path) and any(one.topic == RIG_TOPIC for one in index_mcap(path).topics)
+
+
+def _print_rig(path: Path, as_json: bool) -> None:
+    from .rig_file import read_rig
+
+    rig = read_rig(path)
+    if as_json:
+        from .export import rig_values
+
+        print(json.dumps(rig_values(rig), indent=2))
+        return
+    from .result_table import print_rig
+
+    print_rig(rig)
 
 
 def _as_json(recording: Recording, framesets: Framesets) -> dict[str, Any]:

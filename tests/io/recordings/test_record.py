@@ -164,3 +164,17 @@ def test_a_video_that_is_none(tmp_path, capsys):
     (tmp_path / "a.mp4").write_bytes(b"not a video at all")
     assert run(["info", str(tmp_path / "a.mp4")]) == 1
     assert "cannot be read as a video" in capsys.readouterr().err
+
+
+def test_info_of_a_rig_says_the_rig(tmp_path, capsys):
+    from quadrig.io.rig_file import write_rig
+    from quadrig.rig.result import Camera, Rig
+    from quadrig.single.lens import Intrinsics
+    from quadrig.single.pose import Pose
+
+    camera = Camera("porch", Intrinsics.centred(640, 480, 500.0), Pose.identity())
+    write_rig(tmp_path / "rig.mcap", Rig("porch", (camera,), (), np.zeros((15, 15))))
+    assert run(["info", str(tmp_path / "rig.mcap")]) == 0
+    assert "porch" in capsys.readouterr().out
+    assert run(["info", str(tmp_path / "rig.mcap"), "--json"]) == 0
+    assert list(json.loads(capsys.readouterr().out)["cameras"]) == ["porch"]
