@@ -39,6 +39,11 @@ def calibrate(
     kept = _largest(whole, reference)
     try:
         return _solve(whole, kept, cameras, reference)
+    except np.linalg.LinAlgError:
+        raise QuadrigError(
+            f"the {len(whole.views)} Views of {len(whole.cameras)} cameras do not determine a rig; "
+            "show more rectangles, tilted, to more cameras at once"
+        ) from None
     except Contradicted as found:
         agreeing = [camera for camera in cameras if camera.name not in found.names]
         if len(agreeing) < 2:
@@ -49,7 +54,7 @@ def calibrate(
         seen = [view for view in views if view.camera not in found.names]
         rig = calibrate(agreeing, rectangles, seen, reference if reference not in found.names else None)
         said = (
-            "every View of it contradicts the other cameras; check its clock, and that its pictures are of this rig"
+            "what it shares with the other cameras contradicts them; check its clock, and that it looks at this rig"
         )
         return replace(rig, missing={**rig.missing, **{name: f"{name}: {said}" for name in found.names}})
 

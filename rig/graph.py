@@ -72,12 +72,21 @@ def pose_graph(problem: Problem) -> "networkx.Graph":
 
 def components(problem: Problem) -> list[list[int]]:
     """Cameras (indices) that rectangles join, directly or through others; largest group first."""
+    return _groups(problem, np.arange(len(problem.views)))
+
+
+def joined_cameras(problem: Problem, views: Array) -> list[int]:
+    """The largest group of cameras that these Views (indices) alone join."""
+    return _groups(problem, views)[0]
+
+
+def _groups(problem: Problem, views: Array) -> list[list[int]]:
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
     cameras, size = len(problem.cameras), len(problem.cameras) + len(problem.nodes)
-    ones = np.ones(len(problem.camera))
-    graph = coo_array((ones, (problem.camera, cameras + problem.node)), shape=(size, size))
+    met = (problem.camera[views], cameras + problem.node[views])
+    graph = coo_array((np.ones(len(views)), met), shape=(size, size))
     _, label = connected_components(graph, directed=False)
     groups: dict[int, list[int]] = {}
     for camera in range(cameras):

@@ -9,7 +9,7 @@ from quadrig.single.rotation import Array
 from .adjust import Adjustment, Freedom, adjust, undamped
 from .clock import motion
 from .elimination import Reduced, node_inverses, reduced_inverse
-from .graph import FirstRig
+from .graph import FirstRig, joined_cameras
 from .lens_choice import LensChoices, choose_lenses, starting_lenses
 from .normal_equations import Layout, State, chain_derivatives, layout
 from .observations import Observations
@@ -104,6 +104,7 @@ def solve_jointly(
         if all(np.array_equal(a > 0, b > 0) for a, b in zip(again.weights, judged.weights, strict=True)):
             break
         judged = again
+        _refuse_contradicted(problem, observations, judged)
         used = observations.with_weights(judged.weights)
     # The same minimum with weights of the final noise, and the covariance that belongs to them.
     adjustment = adjust(used, state, freedom, noise, tables=tables, most_steps=0 if state.slack is None else 10)
@@ -135,9 +136,11 @@ def _outvoted(problem: Problem, observations: Observations, judged: Judged, shar
 
 
 def _refuse_contradicted(problem: Problem, observations: Observations, judged: Judged) -> None:
-    kept = np.bincount(observations.camera, ~judged.rejected, observations.cameras)
-    if (kept == 0).any():
-        raise Contradicted([problem.cameras[i].name for i in np.flatnonzero(kept == 0)])
+    """Raises Contradicted for cameras that no View that was kept joins to the others."""
+    kept = np.flatnonzero(~judged.rejected)
+    loose = sorted(set(range(observations.cameras)) - set(joined_cameras(problem, kept)))
+    if loose:
+        raise Contradicted([problem.cameras[i].name for i in loose])
 
 
 def _loosened(
