@@ -113,7 +113,7 @@ def one(task: tuple[int, str]) -> tuple[str, list]:
         given, whole, single = (made, set(), set()) if fault == "clean" else spoilt(rng, made, fault)
         try:
             rig = calibrate(given.inputs, given.rectangles, given.views, reference="cam0")
-        except QuadrigError as error:
+        except (QuadrigError, np.linalg.LinAlgError) as error:
             rows.append((fault, None, str(error)[:80], len(whole), len(single)))
             continue
         rows.append((fault, errors(made, rig), named(rig, given, whole, single), len(whole), len(single)))
