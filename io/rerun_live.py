@@ -144,6 +144,13 @@ class RerunScreen:
                 rr.Transform3D(translation=pose.translation, mat3x3=axes),
                 rr.Ellipsoids3D(half_sizes=[half], colors=[colour], fill_mode=rr.components.FillMode.DenseWireframe),
             )
+        places = [camera.rig_from_camera.translation for camera in rig.cameras]
+        colours = [self._colour(camera.name) for camera in rig.cameras]
+        names = [camera.name for camera in rig.cameras]
+        self._recording.log(
+            "names",
+            rr.Points3D(places, colors=colours, labels=names, radii=rr.Radius.ui_points(2.0), show_labels=True),
+        )
         placed = [_outlines(p) for p in rig.rectangles]
         outlines = np.concatenate(placed) if placed else np.zeros((0, 5, 3))
         self._recording.log("sheets", rr.LineStrips3D(list(outlines), colors=_SHEET, radii=rr.Radius.ui_points(1.0)))
@@ -182,9 +189,8 @@ class RerunScreen:
                 in_camera = placed[name].rig_from_camera.inverse().transform(corners)
                 pixels = placed[name].intrinsics.project(in_camera)
             if np.isfinite(pixels).all():
-                line = rr.LineStrips2D(
-                    [pixels[_RING]], colors=[_GHOST], radii=rr.Radius.ui_points(3.0), labels=["hold it here"]
-                )
+                # Without a label: it would lie on the sheet's own whenever the sheet is nearly there.
+                line = rr.LineStrips2D([pixels[_RING]], colors=[_GHOST], radii=rr.Radius.ui_points(3.0))
                 self._recording.log(path, line)
             else:
                 self._recording.log(path, rr.Clear(recursive=False))
@@ -270,9 +276,19 @@ class Viewer:
 
     def close(self, force: bool = False) -> None:
         """A window stays for who wants to look at the result; a page for a browser goes with the session."""
-        if (self._web or force) and self._process.poll() is None:
-            self._process.terminate()
-            self._process.wait()
+        if not (self._web or force) or self._process.poll() is not None:
+            return
+        import psutil
+
+        # The `rerun` that is on the path is a script that waits for the program which does the work.
+        try:
+            family = psutil.Process(self._process.pid).children(recursive=True)
+        except psutil.NoSuchProcess:
+            family = []
+        for process in family:
+            process.terminate()
+        self._process.terminate()
+        self._process.wait()
 
 
 def free_port() -> int:
