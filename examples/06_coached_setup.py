@@ -126,7 +126,7 @@ def framesets_until(target: float, person: Person, room: Room, rng: np.random.Ge
         shown = frozenset(view.camera for view in views if view.frameset == frameset)
         try:
             rig = calibrate(inputs, [SHEET], views)
-        except QuadrigError:
+        except (QuadrigError, np.linalg.LinAlgError):
             rig = None
         if rig is not None and len(rig.cameras) == len(room.names) and rig.working_accuracy <= target:
             return frameset + 1, rig

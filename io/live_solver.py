@@ -9,6 +9,8 @@ from collections.abc import Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
 from dataclasses import dataclass
 
+import numpy as np
+
 from quadrig.rig.advice import Advice, Situation, advise
 from quadrig.rig.calibrate import calibrate
 from quadrig.rig.capture_faults import Fault
@@ -55,6 +57,9 @@ def solve(job: Job) -> Solution:
         rig = calibrate(job.cameras, job.rectangles, job.views, job.reference)
     except QuadrigError as error:
         trouble = str(error)
+    except np.linalg.LinAlgError:
+        # The first few Views may leave a system that cannot be solved; the next ones mend it.
+        trouble = "what was seen so far does not fix the rig; show the sheet in more places, tilted"
     situation = Situation(
         tuple(camera.name for camera in job.cameras),
         job.rectangles,
