@@ -19,7 +19,7 @@ from quadrig.single.pose import Pose
 from quadrig.single.rotation import Array
 
 from .palette import FAULT, FINE, FOUND, MOVING, PREDICTED, STATIC, Colour, rig_colours
-from .rig_geometry import apart, ellipsoid, extent, first_eye, magnification, outlines, positions
+from .rig_geometry import apart, ellipsoid, extent, first_eye, magnification, outlines, positions, rises
 from .verdict_text import verdict_markdown
 
 _SIDE_POINTS = 12
@@ -212,7 +212,7 @@ def _log_picture_marks(recording: Any, rig: Rig, camera: Camera, fits: list[View
 
     path = f"space/cameras/{camera.name}/marks"
     if not fits:
-        for part in ("found", "residuals", "predicted"):
+        for part in ("found", "residuals", "predicted", "names"):
             recording.log(f"{path}/{part}", rr.Clear(recursive=False))
         return
     pixels = np.concatenate([fit.view.pixels for fit in fits])
@@ -231,20 +231,35 @@ def _log_picture_marks(recording: Any, rig: Rig, camera: Camera, fits: list[View
             draw_order=31,
         ),
     )
-    rings, names, colours = [], [], []
-    for fit in fits:
-        ring = predicted_outline(rig, camera, fit)
-        if ring is not None:
-            rings.append(ring)
-            names.append(fit.view.rectangle)
-            colours.append(FAULT if fit.rejected else PREDICTED)
-    if rings:
-        lines = rr.LineStrips2D(
-            rings, colors=colours, radii=rr.Radius.ui_points(1.2), labels=names, show_labels=True, draw_order=29
-        )
-        recording.log(f"{path}/predicted", lines)
-    else:
-        recording.log(f"{path}/predicted", rr.Clear(recursive=False))
+    rings = [(fit, predicted_outline(rig, camera, fit)) for fit in fits]
+    drawn = [(fit, ring) for fit, ring in rings if ring is not None]
+    if not drawn:
+        for part in ("predicted", "names"):
+            recording.log(f"{path}/{part}", rr.Clear(recursive=False))
+        return
+    colours = [FAULT if fit.rejected else PREDICTED for fit, _ in drawn]
+    lines = rr.LineStrips2D(
+        [ring for _, ring in drawn], colors=colours, radii=rr.Radius.ui_points(1.2), draw_order=29
+    )
+    recording.log(f"{path}/predicted", lines)
+    names = [fit.view.rectangle for fit, _ in drawn]
+    places = _name_places([ring for _, ring in drawn], names, camera)
+    labels = rr.Points2D(
+        places, colors=colours, radii=rr.Radius.ui_points(0.5), labels=names, show_labels=True, draw_order=32
+    )
+    recording.log(f"{path}/names", labels)
+
+
+def _name_places(rings: list[Array], names: list[str], camera: Camera) -> Array:
+    """Below each outline, apart from one another at the size in which a picture of four is shown."""
+    width = camera.intrinsics.width
+    below = np.array([[(ring[:, 0].min() + ring[:, 0].max()) / 2, ring[:, 1].max()] for ring in rings])
+    # The names lowest in the picture are placed first, and the others move up.
+    order = np.argsort(-below[:, 1])
+    up = below[order] * [1, -1]
+    rise = rises(up, [names[i] for i in order], 0.03 * width, 0.06 * width, 0.075 * width)
+    below[order, 1] -= rise
+    return below
 
 
 def predicted_outline(rig: Rig, camera: Camera, fit: ViewFit) -> Array | None:
@@ -276,7 +291,8 @@ def _log_graph(recording: Any, rig: Rig, colours: dict[str, Colour]) -> None:
     edges = graph_edges(rig)
     edges = [edge for edge in edges if edge.camera in camera_at and edge.rectangle in rect_at]
     limit = contradiction_limit(disagreements(rig))
-    widths = edge_widths([edge.information for edge in edges])
+    # Many rows leave little place between them.
+    widths = [width * min(1, 4 / height) for width in edge_widths([edge.information for edge in edges])]
     lines = rr.LineStrips2D(
         [[camera_at[edge.camera], rect_at[edge.rectangle]] for edge in edges],
         colors=[FAULT if edge.sigmas > limit else FINE for edge in edges],

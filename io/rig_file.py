@@ -85,7 +85,7 @@ def read_rig_file(path: Path | str) -> RigFile:
         raise QuadrigError(f"there is no file {path}; give the rig.mcap that `rig calibrate` wrote")
     try:
         with path.open("rb") as stream:
-            reader = make_reader(stream)
+            reader = make_reader(stream, validate_crcs=True)
             records, views = [], []
             for _, channel, message in reader.iter_messages(topics=[RIG_TOPIC, VIEWS_TOPIC], log_time_order=False):
                 (records if channel.topic == RIG_TOPIC else views).append(message.data)

@@ -112,12 +112,21 @@ _LETTER, _MARGIN, _LINE = 0.019, 0.045, 0.06
 
 def apart(eye: Eye, names: Sequence[str], anchors: Array) -> Array:
     """Places (N, 3) for names at anchors (N, 3): each stays or goes up until it is clear of those before it."""
-    looks, taken, places = eye.look(anchors), [], []
-    for name, look, anchor in zip(names, looks, anchors, strict=True):
-        half = (_LETTER * len(name) + _MARGIN) / 2
-        rise = 0.0
-        while any(abs(x - look[0]) < w + half and abs(y - look[1] - rise) < _LINE for x, y, w in taken):
-            rise += _LINE / 2
-        taken.append((look[0], look[1] + rise, half))
-        places.append(anchor + rise * look[2] * eye.up)
-    return np.array(places).reshape(-1, 3)
+    looks = eye.look(anchors)
+    rise = rises(looks[:, :2], names, _LETTER, _MARGIN, _LINE)
+    return (anchors + (rise * looks[:, 2])[:, None] * eye.up).reshape(-1, 3)
+
+
+def rises(places: Array, names: Sequence[str], letter: float, margin: float, line: float) -> Array:
+    """How far up (N,) each name goes from its place (N, 2), y upwards, to be clear of those before it.
+
+    letter: width of a letter; margin: of the rest; line: height of a name; all in the units of the places.
+    """
+    taken: list[tuple[float, float, float]] = []
+    found = np.zeros(len(names))
+    for index, (name, (x, y)) in enumerate(zip(names, places, strict=True)):
+        half = (letter * len(name) + margin) / 2
+        while any(abs(x - u) < half + w and abs(y + found[index] - v) < line for u, v, w in taken):
+            found[index] += line / 2
+        taken.append((x, y + found[index], half))
+    return found

@@ -27,7 +27,7 @@ def camera_table(rig: Rig) -> list[str]:
     for camera in rig.cameras:
         name = camera.name
         lines.append(
-            f"| {name} | {camera.intrinsics.focal:.1f} ± {rig.focal_sigma(name):.1f} "
+            f"| {name} | {camera.intrinsics.focal:.2f} ± {rig.focal_sigma(name):.2f} "
             f"| ± {length(rig.position_sigma(name))} | ± {np.degrees(rig.rotation_sigma(name)):.3f}° "
             f"| {camera.rms:.2f} | {camera.views} |"
         )
