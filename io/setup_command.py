@@ -50,7 +50,7 @@ def setup(
     """Calibrate live cameras, coached: hold the sheet where it says until it says it is good.
 
     Stops at the accuracy of --until, on Enter, on Ctrl-C, or when every source has ended. Leaves the recording
-    (OUTPUT-recording.mcap, written as it goes) and the rig.
+    (OUTPUT-recording.mcap, written as it goes), the rig, and a report of it (OUTPUT.html).
 
     Examples: rig setup --until 1mm; rig setup left=0 right=1 -o desk.mcap;
     rig setup http://127.0.0.1:8080/video cam1.mp4 --no-viewer
@@ -65,7 +65,17 @@ def setup(
     if result.rig is None:
         raise QuadrigError(f"{result.trouble}; the recording is {plan.recording}, and --resume goes on from it")
     write_rig(output, result.rig, rig_config.text)
+    _write_report(output)
     print(_as_json(result, output, plan) if as_json else _as_text(result, output, plan))
+
+
+def _write_report(output: Path) -> None:
+    """The page that tells a person what the rig is good for, beside it."""
+    from .beside import write_text
+    from .report import report_html
+    from .rig_file import read_rig_file
+
+    write_text(output.with_suffix(".html"), report_html(read_rig_file(output)))
 
 
 def length(text: str) -> float:
@@ -199,7 +209,7 @@ def _as_text(result: SetupResult, output: Path, plan: SetupPlan) -> str:
     lines += list(_missing(result, plan).values())
     if result.dropped:
         lines.append(f"{result.dropped} frames were not recorded: the disk could not keep up")
-    return "\n".join([*lines, f"{output}", f"{plan.recording}"])
+    return "\n".join([*lines, f"{output}", f"{output.with_suffix('.html')}", f"{plan.recording}"])
 
 
 def _missing(result: SetupResult, plan: SetupPlan) -> dict[str, str]:
@@ -227,6 +237,7 @@ def _as_json(result: SetupResult, output: Path, plan: SetupPlan) -> str:
             "ending": result.ending,
             "dropped": result.dropped,
             "rig": str(output),
+            "report": str(output.with_suffix(".html")),
             "recording": str(plan.recording),
         },
         indent=2,

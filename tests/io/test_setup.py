@@ -111,6 +111,7 @@ def test_videos_become_a_rig_a_recording_and_a_picture_in_rerun(videos, tmp_path
     assert {camera.name: camera.frames for camera in recording.cameras} == dict.fromkeys(
         ["cam0", "cam1", "cam2"], HOLDS * HELD
     )
+    assert "mm" in Path(result["report"]).read_text(encoding="utf-8")
     assert (tmp_path / "live.rrd").stat().st_size > 10_000
 
 
