@@ -12,6 +12,8 @@ import numpy as np
 
 from quadrig.single.rotation import Array
 
+# A hand-held sheet rests for this share of the time or more; images with more motion than that count the less.
+_CALM = 0.3
 # A neighbourhood in which sharpness is compared: longer, and a scene's change would count as blur.
 _NEIGHBOURS = 10
 # The greedy choice compares all with all: of more framesets than this, only the best of each short stretch take part.
@@ -70,12 +72,12 @@ def _best_of_each_slot(quality: Array, slots: int) -> Array:
 
 
 def image_quality(looks: Looks) -> Array:
-    """How good each image is for measuring (S, C), 0 to 1: still against its camera's usual motion, and sharp
+    """How good each image is for measuring (S, C), 0 to 1: still against its camera's calmer images, and sharp
     against its neighbours in time; 0 where there is none."""
     motion = _motion(looks.thumbnails)
     with np.errstate(all="ignore"):
-        usual = np.nan_to_num(np.array([_median(column) for column in motion.T]))
-        stillness = 1 / (1 + (motion / np.where(usual > 0, usual, 1.0)) ** 2)
+        usual = np.nan_to_num(np.array([_calm(column) for column in motion.T]))
+        stillness = 1 / (1 + (motion / np.where(usual > 0, usual, 1.0)) ** 2) ** 2
         # Of an image without neighbours nobody knows whether it moved: as likely as not.
         stillness = np.where(np.isnan(motion), 0.5, stillness)
         sharpness = (looks.sharpness / _greatest_near(looks.sharpness)) ** 2
@@ -103,9 +105,10 @@ def _features(thumbnails: Array) -> Array:
     return (flat / np.maximum(scale, 1.0)).astype(np.float32)
 
 
-def _median(values: Array) -> float:
+def _calm(values: Array) -> float:
+    """The motion below which _CALM of a camera's images are."""
     finite = values[np.isfinite(values)]
-    return float(np.median(finite)) if len(finite) else 0.0
+    return float(np.quantile(finite, _CALM)) if len(finite) else 0.0
 
 
 def _greatest_near(values: Array) -> Array:
