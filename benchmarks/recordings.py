@@ -151,13 +151,20 @@ def search(path: Path) -> None:
     chosen = _timed("choice", plain, lambda: choose_frames(opened, framesets, 0.1, workers=2))
     _timed("choice and search", plain, lambda: find_detections(
         opened, choose_frames(opened, framesets, 0.1, workers=2), scene.rectangles, workers=2))  # fmt: skip
+    whole = None
     kept = set(np.flatnonzero(chosen.sizes() > 0).tolist())
     for name, numbers in {
         "all": set(range(FRAMESETS)),
         "chosen tenth": kept,
         **{f"every tenth from {k}": set(range(k, FRAMESETS, 10)) for k in (0, 3, 6)},
     }.items():
-        _judge(name, scene, opened, [view for view in every.views if view.frameset in numbers])
+        rig = _judge(name, scene, opened, [view for view in every.views if view.frameset in numbers])
+        whole = whole or rig
+        moved = [
+            np.linalg.norm(one.rig_from_camera.translation - other.rig_from_camera.translation) * 1e3
+            for one, other in zip(rig.cameras[1:], whole.cameras[1:], strict=True)
+        ]
+        print(f"    from where all images put the cameras: {np.mean(moved):.2f} mm")
 
 
 def _timed(name, plain, function):
@@ -168,7 +175,7 @@ def _timed(name, plain, function):
     return result
 
 
-def _judge(name, scene, opened, views) -> None:
+def _judge(name, scene, opened, views):
     from quadrig.rig.calibrate import calibrate
     from quadrig.rig.inputs import CameraInput
 
@@ -185,6 +192,7 @@ def _judge(name, scene, opened, views) -> None:
         f"{name}: {len(views)} Views, focal {np.mean(focal):.3f} %, position {np.mean(place[1:]):.2f} mm, "
         f"working accuracy {rig.working_accuracy * 1e3:.2f} mm, RMS {rig.rms:.3f} px"
     )
+    return rig
 
 
 def large(path: Path) -> None:
