@@ -184,6 +184,6 @@ def _left_out(problem: Problem, joint: Joint, fits: tuple) -> tuple[dict[str, fl
     for index, camera in enumerate(problem.cameras):
         own = told & (problem.camera == index)
         if own.any():
-            by_camera[camera.name] = float(np.sqrt(squares[own].sum() / counts[own].sum()))
-    total = float(np.sqrt(squares[told].sum() / counts[told].sum())) if told.any() else float("nan")
+            by_camera[camera.name] = float(np.sqrt(max(squares[own].sum(), 0.0) / counts[own].sum()))
+    total = float(np.sqrt(max(squares[told].sum(), 0.0) / counts[told].sum())) if told.any() else float("nan")
     return by_camera, total

@@ -79,7 +79,7 @@ def solve_jointly(
     one of them at least holds the rig frame."""
     observations = problem.observations(first.reading)
     tables = layout(observations)
-    freedom = _freedom(problem, observations, standing, fixed_node)
+    freedom = _freedom(problem, observations, begin, standing, fixed_node)
     found, noise = _robust(observations, begin, first, freedom, tables)
     judged = _judge(observations, found, freedom, noise)
     if noise > _OUT_OF_STEP * begin.noise or _outvoted(problem, observations, judged, _OUTVOTED).any():
@@ -94,7 +94,7 @@ def solve_jointly(
     state = replace(
         found.state, lens=np.where(choices.free | ~_changeable(problem), found.state.lens, freedom.prior_mean)
     )
-    information = prior(problem, choices.principal_sigma)[1]
+    information = _priors(problem, begin, choices.principal_sigma)[1]
     freedom = replace(freedom, lens=choices.free, prior_information=information)
     for _ in range(_ROUNDS):
         found = adjust(used, state, freedom, noise, most_steps=_MOST_STEPS, tables=tables)
@@ -225,13 +225,21 @@ def _changeable(problem: Problem) -> Array:
     return np.array([[not c.fixed] for c in problem.cameras])
 
 
+def _priors(problem: Problem, begin: Start, principal_sigma: float) -> tuple[Array, Array]:
+    """Prior mean and information (C, 9); a focal is known to its own size, which counts where no View tells it."""
+    mean, information = prior(problem, principal_sigma)
+    mean[:, 0], information[:, 0] = begin.lens[:, 0], 1 / begin.lens[:, 0] ** 2
+    return mean, information
+
+
 def _freedom(
     problem: Problem,
     observations: Observations,
+    begin: Start,
     standing: Array,
     fixed_node: int | None,
 ) -> Freedom:
-    mean, information = prior(problem, PRINCIPAL_SIGMA)
+    mean, information = _priors(problem, begin, PRINCIPAL_SIGMA)
     node = np.ones(observations.nodes, bool)
     if fixed_node is not None:
         node[fixed_node] = False

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from quadrig.rig.calibrate import calibrate
-from quadrig.rig.clock_offset import calibrate_with_clocks, estimate_clocks, instants, retime
+from quadrig.rig.clock import motion
 from quadrig.rig.inputs import CameraInput
-from quadrig.rig.timed_path import TimedPath, paths_of, views_at
+from quadrig.rig.problem import build_problem
 from quadrig.single.lens import Intrinsics
 from quadrig.single.pose import Pose
 from quadrig.single.rectangle import Rectangle, board_points
@@ -70,65 +70,60 @@ def position_error(rig) -> float:
 INPUTS = [CameraInput(name, 1280, 720, lens="f") for name in NAMES]
 
 
-def test_offsets_are_found_and_cost_next_to_nothing():
-    stamps, views = taken(OFFSETS)
-    plain = calibrate(INPUTS, [BOARD], [replace(view, time=float("nan")) for view in views], "a")
-    clocks, _ = retime(plain, [BOARD], views, stamps, NAMES)
-    rig = calibrate_with_clocks(INPUTS, [BOARD], views, "a")
+def together(seed: int) -> list[View]:
+    """The same Views, had all cameras taken them at one instant."""
+    rng = np.random.default_rng(seed)
+    views = []
+    for name, pose, lens in zip(NAMES, WORLD_FROM_CAMERA, LENSES, strict=True):
+        for k in range(round(RATE * SECONDS)):
+            pixels = lens.project(pose.inverse().transform(board_at(k / RATE).transform(POINTS)))
+            views.append(View("board", POINTS, pixels + rng.normal(0, NOISE, pixels.shape), name, k, sigma=NOISE))
+    return views
+
+
+def test_offsets_are_found_and_cost_little():
+    _, views = taken(OFFSETS)
+    rig = calibrate(INPUTS, [BOARD], views, "a")
     found = np.array([rig.camera(name).clock_offset for name in NAMES])
-    assert found == pytest.approx(clocks.offsets - clocks.offsets.mean(), abs=1e-6)
-    assert np.all(np.abs(clocks.offsets - OFFSETS) < np.maximum(4 * clocks.sigmas, 1e-5))
-    assert np.all(clocks.sigmas < 0.5e-3)
-    # The same images, had all been taken at one instant.
-    rng = np.random.default_rng(1)
-    when = instants(stamps, OFFSETS)
-    together = [
-        View("board", POINTS, lens.project(pose.inverse().transform(board_at(time).transform(POINTS)))
-             + rng.normal(0, NOISE, (len(POINTS), 2)), name, k, sigma=NOISE)
-        for name, pose, lens in zip(NAMES, WORLD_FROM_CAMERA, LENSES, strict=True)
-        for k, time in enumerate(when)
-    ]  # fmt: skip
-    ideal = calibrate(INPUTS, [BOARD], together, "a")
+    assert found - found[0] == pytest.approx(OFFSETS, abs=0.5e-3)
+    assert rig.noise == pytest.approx(NOISE, rel=0.05)
+    plain = calibrate(INPUTS, [BOARD], [replace(view, time=float("nan")) for view in views], "a")
+    ideal = calibrate(INPUTS, [BOARD], together(1), "a")
     assert position_error(rig) < 0.2 * position_error(plain)
     assert position_error(rig) < 3 * position_error(ideal)
 
 
-def test_views_between_images_are_those_of_that_instant():
-    stamps, views = taken(OFFSETS)
-    paths = paths_of(views, stamps, NAMES)
-    when = instants(stamps, OFFSETS)
-    retimed = views_at(paths, when, dict(zip(NAMES, OFFSETS, strict=True)))
-    assert len(retimed) > 0.95 * len(views)
-    errors = []
-    for view in retimed:
-        c = NAMES.index(view.camera)
-        place = board_at(when[view.frameset]).transform(view.points)
-        seen = LENSES[c].project(WORLD_FROM_CAMERA[c].inverse().transform(place))
-        errors.append((view.pixels - seen) / view.sigma)
-    # Noise as it is stated, and nothing but noise.
-    assert np.std(np.concatenate(errors)) == pytest.approx(1.0, abs=0.05)
+def test_clocks_that_agree_are_left_alone():
+    rig = calibrate(INPUTS, [BOARD], [replace(view, time=view.frameset / RATE) for view in together(2)], "a")
+    assert [camera.clock_offset for camera in rig.cameras] == [0, 0, 0]
 
 
 def test_what_stands_still_tells_no_clock():
-    stamps, views = taken(OFFSETS)
-    first = {name: next(view.pixels for view in views if view.camera == name) for name in NAMES}
-    still = [replace(view, pixels=first[view.camera]) for view in views]
-    rig = calibrate(INPUTS, [BOARD], views, "a")
-    clocks = estimate_clocks(rig, paths_of(still, stamps, NAMES), stamps, NAMES)
-    assert np.all(clocks.offsets == 0)
-    assert np.all(np.isinf(clocks.sigmas[1:]))
-    static = Rectangle("board", 0.56, 0.40)
-    untouched = calibrate_with_clocks(INPUTS, [static], [v for v in views if v.frameset == 0], "a")
-    assert all(camera.clock_offset == 0 for camera in untouched.cameras)
+    _, views = taken(OFFSETS)
+    still = Rectangle("board", 0.56, 0.40)
+    rig = calibrate(INPUTS, [still], [view for view in views if view.frameset == 0], "a")
+    assert [camera.clock_offset for camera in rig.cameras] == [0, 0, 0]
 
 
-def test_path_bridges_no_holes():
-    times = np.array([0.0, 0.1, 0.2, 0.3, 1.0, 1.1, 1.2])
-    pixels = np.stack([times**3, 5 - times], axis=-1)[:, None, :]
-    path = TimedPath(times, pixels, np.zeros((1, 3)), 1.0, 0.1)
-    assert path.at(0.15)[0][0] == pytest.approx([0.15**3, 4.85])
-    assert path.at(1.2)[0][0] == pytest.approx([1.2**3, 3.8])
-    assert np.isnan(path.at(0.6)[0]).all()
-    assert np.isnan(path.at(-0.1)[0]).all()
-    assert np.isnan(path.at(1.3)[0]).all()
-    assert path.velocity(0.15)[0, 1] == pytest.approx(-1.0)
+def test_motion_is_that_of_the_rectangle():
+    """On true poses: where a View's rectangle stood when it was taken, to the third order of its motion."""
+    _, views = taken(np.zeros(3))
+    problem = build_problem(INPUTS, [BOARD], views)
+    when = {view.frameset: view.frameset / RATE + PHASES.mean() for view in views}
+    poses = [board_at(when[node.frameset]) for node in problem.nodes]
+    batch = Pose(np.stack([p.rotation for p in poses]), np.stack([p.translation for p in poses]))
+    moved = motion(problem, batch)
+    assert moved is not None
+    seen = batch[problem.node].retract(moved.step(np.zeros(len(views))))
+    true = [board_at(view.time) for view in problem.views]
+    inner = np.array([0 < view.frameset < RATE * SECONDS - 1 for view in problem.views])
+    gap = seen.translation - np.stack([p.translation for p in true])
+    assert np.abs(gap[inner]).max() < 5e-5
+
+
+def test_motion_is_not_guessed_over_gaps():
+    _, views = taken(np.zeros(3))
+    sparse = [view for view in views if view.frameset % 15 == 0]
+    problem = build_problem(INPUTS, [BOARD], sparse)
+    count = len(problem.nodes)
+    assert motion(problem, Pose(np.tile(np.eye(3), (count, 1, 1)), np.zeros((count, 3)))) is None
