@@ -1,5 +1,6 @@
 """`rig inspect`: look at a rig in rerun."""
 
+import os
 import sys
 import time
 from pathlib import Path
@@ -8,6 +9,7 @@ from typing import Annotated, Any
 import typer
 
 from quadrig.rig.result import Rig
+from quadrig.single.errors import QuadrigError
 
 from .beside import written_beside
 from .rig_file import RigFile, read_rig_file
@@ -97,7 +99,15 @@ def _serve(held: RigFile, recording: list[Path]) -> None:
 def _open(held: RigFile, recording: list[Path]) -> None:
     from .rerun_live import Viewer
 
+    if not _has_screen():
+        raise QuadrigError("there is no screen here; use --web, or write --save x.rrd or --screenshot x.png")
     _send(Viewer().address, held, recording)
+
+
+def _has_screen() -> bool:
+    # Elsewhere than on Linux a window opens wherever a person can start the command.
+    named = ("DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET")
+    return not sys.platform.startswith("linux") or any(os.environ.get(name) for name in named)
 
 
 def _send(address: str, held: RigFile, recording: list[Path], most: int | None = None) -> None:

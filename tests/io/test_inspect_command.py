@@ -74,3 +74,11 @@ def test_what_is_no_rig_is_one_sentence(tmp_path, capsys):
     assert run(["inspect", str(tmp_path / "x.mcap"), "--save", str(tmp_path / "x.rrd")]) == 1
     assert "x.mcap" in capsys.readouterr().err
     assert run(["inspect"]) == 2
+
+
+def test_without_a_screen_it_says_what_to_do(rig_path, monkeypatch, capsys):
+    monkeypatch.setattr("sys.platform", "linux")
+    for name in ("DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET"):
+        monkeypatch.delenv(name, raising=False)
+    assert run(["inspect", str(rig_path)]) == 1
+    assert "--web" in capsys.readouterr().err
