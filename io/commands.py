@@ -51,10 +51,10 @@ def run(arguments: Sequence[str]) -> int:
     except SystemExit as leaving:
         code = leaving.code if isinstance(leaving.code, int) else int(bool(leaving.code))
         if code == _INTERRUPTED:
-            _say("interrupted; what was being written is not kept")
+            _say("interrupted; nothing half-written is left behind")
         return code
     except KeyboardInterrupt:
-        _say("interrupted; what was being written is not kept")
+        _say("interrupted; nothing half-written is left behind")
         return _INTERRUPTED
     except Exception as error:
         if os.environ.get("RIG_TRACEBACK") == "1":
