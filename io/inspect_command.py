@@ -1,6 +1,5 @@
 """`rig inspect`: look at a rig in rerun."""
 
-import os
 import sys
 import time
 from pathlib import Path
@@ -97,17 +96,11 @@ def _serve(held: RigFile, recording: list[Path]) -> None:
 
 
 def _open(held: RigFile, recording: list[Path]) -> None:
-    from .rerun_live import Viewer
+    from .rerun_live import Viewer, has_screen
 
-    if not _has_screen():
+    if not has_screen():
         raise QuadrigError("there is no screen here; use --web, or write --save x.rrd or --screenshot x.png")
     _send(Viewer().address, held, recording)
-
-
-def _has_screen() -> bool:
-    # Elsewhere than on Linux a window opens wherever a person can start the command.
-    named = ("DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET")
-    return not sys.platform.startswith("linux") or any(os.environ.get(name) for name in named)
 
 
 def _send(address: str, held: RigFile, recording: list[Path], most: int | None = None) -> None:

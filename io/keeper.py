@@ -134,9 +134,9 @@ class Keeper:
         """The Views of one camera that are wanted and good, and what is wrong with the others."""
         good: list[View] = []
         faults: list[Fault] = []
-        for view in self._search.refine(search):
-            if (view.camera, view.rectangle) not in wanted:
-                continue
+        for view in self._search.refine(
+            search, {rectangle for camera, rectangle in wanted if camera == search.camera}
+        ):
             fault = exposure_fault(view.camera, search.grey, view)
             fault = fault or blur_fault(view.camera, edge_widths(search.grey, view))
             if fault is None:

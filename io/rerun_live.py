@@ -1,11 +1,15 @@
 """A live session in rerun: the pictures with what was found, the cameras in space, the graph, one large sentence."""
 
+import os
+import queue
 import shutil
 import socket
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -25,17 +29,15 @@ _RING = [0, 1, 2, 3, 0]
 _COLOURS = [
     [230, 159, 0], [86, 180, 233], [0, 158, 115], [204, 121, 167], [213, 94, 0], [0, 114, 178], [170, 160, 40],
 ]  # fmt: skip
-_GHOST, _SHEET, _FAULT, _SAID, _DONE = (
-    [90, 220, 120],
-    [200, 190, 150],
-    [240, 170, 40],
-    [230, 230, 230],
-    [90, 220, 120],
-)
+_GHOST, _SHEET = [90, 220, 120], [200, 190, 150]
 # Ellipsoids show this many sigmas, so that a rig of a few millimetres has some that can be seen.
 _SIGMAS = 3.0
-# A viewer that is opened needs this long to listen; a slow machine more.
-_OPENING_SECONDS = 15.0
+# A viewer that is opened needs this long (s) to listen, a slow machine more; one without a display dies in a tenth.
+_OPENING_SECONDS, _WINDOW_SECONDS = 15.0, 1.0
+# What is shown is about this wide (px): four of them fill a screen, and a viewer decodes them in no time.
+_PICTURE_WIDTH = 640
+# Seconds from moment to moment in a viewer at least, and that it may take to accept one.
+_SHORTEST, _SLOWEST = 1 / 15, 2.0
 # What a viewer keeps of a session: pictures of a few minutes.
 _MEMORY = "512MiB"
 
@@ -43,29 +45,63 @@ _MEMORY = "512MiB"
 class RerunScreen:
     """Logs a session to a rerun viewer, or to a file.
 
-    Exactly one of `address` (of a viewer's gRPC server) and `file` (.rrd) is given. pictures: whether frames are
-    logged, too.
+    Exactly one of `viewer` and `file` (.rrd) is given. A viewer that is slower than the session misses moments and
+    holds nobody up; one whose window was closed is said on stderr, and the session goes on without it.
     """
 
     def __init__(
-        self, cameras: Sequence[str], rectangles: Sequence[Rectangle], address: str = "", file: Path | None = None
+        self,
+        cameras: Sequence[str],
+        rectangles: Sequence[Rectangle],
+        viewer: "Viewer | None" = None,
+        file: Path | None = None,
     ) -> None:
+        # A viewer that was closed is said by ourselves, once.
+        os.environ.setdefault("RUST_LOG", "off")
         import rerun as rr
 
         self._rr: Any = rr
         self._cameras, self._rectangles = tuple(cameras), {r.name: r for r in rectangles}
+        self._shrinks: dict[str, int] = {}
         self._recording = rr.RecordingStream("quadrig setup")
+        self._sentence, self._rig, self._advice, self._kept = "", None, None, -1
+        self._viewer, self._waiting = viewer, queue.Queue[SetupState | None](1)
         blueprint = layout(cameras)
-        if file is not None:
+        if viewer is None:
             self._recording.save(str(file), default_blueprint=blueprint)
         else:
-            self._recording.connect_grpc(address, default_blueprint=blueprint)
+            self._recording.connect_grpc(viewer.address, default_blueprint=blueprint)
             self._recording.send_blueprint(blueprint)
         self._recording.log("/", rr.ViewCoordinates.RDF, static=True)
-        self._sentence, self._rig, self._advice, self._kept = "", None, None, -1
+        self._thread = threading.Thread(target=self._log_newest, name="viewer", daemon=True)
+        self._thread.start()
 
     def show(self, state: SetupState) -> None:
-        """Log what has changed."""
+        """Log what has changed: in a file at once, in a viewer when it has taken what came before."""
+        if self._viewer is None:
+            self.log(state)
+        else:
+            self._hand_over(state)
+
+    def _hand_over(self, state: SetupState | None) -> None:
+        with suppress(queue.Empty):
+            self._waiting.get_nowait()
+        self._waiting.put(state)
+
+    def _log_newest(self) -> None:
+        while (state := self._waiting.get()) is not None:
+            began = time.monotonic()
+            self.log(state)
+            # Without this a slow viewer would fall behind by all that waits for it.
+            with suppress(RuntimeError):
+                self._recording.flush(timeout_sec=_SLOWEST)
+            if self._viewer is not None and not self._viewer.open:
+                print("rig: the viewer was closed; the session goes on here", file=sys.stderr, flush=True)
+                return
+            time.sleep(max(0.0, began + _SHORTEST - time.monotonic()))
+
+    def log(self, state: SetupState) -> None:
+        """Log what has changed since the state before."""
         if state.frameset >= 0:
             self._recording.set_time("frameset", sequence=state.frameset)
             for frame in state.frames.values():
@@ -87,21 +123,32 @@ class RerunScreen:
 
     def close(self) -> None:
         """Send what waits."""
-        self._recording.flush()
+        self._hand_over(None)
+        self._thread.join(_SLOWEST)
+        # A viewer that was closed takes nothing any more.
+        with suppress(RuntimeError):
+            self._recording.flush(timeout_sec=_SLOWEST)
         self._recording.disconnect()
 
     def _log_frame(self, frame: Frame) -> None:
-        self._recording.log(
-            f"cameras/{frame.camera}/image",
-            self._rr.EncodedImage(contents=frame.jpeg(), media_type=f"image/{frame.format}"),
-        )
+        try:
+            self._shrinks[frame.camera] = shrink = max(1, round(frame.grey.shape[1] / _PICTURE_WIDTH))
+        except QuadrigError:
+            # A damaged picture is one picture that is not shown.
+            return
+        image = self._rr.EncodedImage(contents=frame.preview(shrink), media_type="image/jpeg")
+        self._recording.log(f"cameras/{frame.camera}/image", image)
+
+    def _shown(self, camera: str, pixels: Array) -> Array:
+        """Where pixels of the camera's picture are in the smaller one that is shown."""
+        return (pixels + 0.5) / self._shrinks.get(camera, 1) - 0.5
 
     def _log_found(self, camera: str, views: Sequence[View]) -> None:
         rr, path = self._rr, f"cameras/{camera}/image/found"
         if not views:
             self._recording.log(path, rr.Clear(recursive=False))
             return
-        lines = [_hull(view.pixels) for view in views]
+        lines = [_hull(self._shown(camera, view.pixels)) for view in views]
         self._recording.log(
             path,
             rr.LineStrips2D(
@@ -125,13 +172,15 @@ class RerunScreen:
         rr = self._rr
         for camera in rig.cameras:
             path, colour = f"cameras/{camera.name}", self._colour(camera.name)
-            pose = camera.rig_from_camera
+            pose, lens = camera.rig_from_camera, camera.intrinsics
+            shrink = self._shrinks.get(camera.name, 1)
             self._recording.log(path, rr.Transform3D(translation=pose.translation, mat3x3=pose.rotation))
             self._recording.log(
                 f"{path}/image",
                 rr.Pinhole(
-                    image_from_camera=camera.intrinsics.camera_matrix,
-                    resolution=[camera.intrinsics.width, camera.intrinsics.height],
+                    focal_length=[lens.camera_matrix[0, 0] / shrink, lens.camera_matrix[1, 1] / shrink],
+                    principal_point=self._shown(camera.name, lens.principal_point),
+                    resolution=[-(-lens.width // shrink), -(-lens.height // shrink)],
                     camera_xyz=rr.ViewCoordinates.RDF,
                     image_plane_distance=0.25 * _extent(rig),
                     color=colour,
@@ -190,7 +239,9 @@ class RerunScreen:
                 pixels = placed[name].intrinsics.project(in_camera)
             if np.isfinite(pixels).all():
                 # Without a label: it would lie on the sheet's own whenever the sheet is nearly there.
-                line = rr.LineStrips2D([pixels[_RING]], colors=[_GHOST], radii=rr.Radius.ui_points(3.0))
+                line = rr.LineStrips2D(
+                    [self._shown(name, pixels[_RING])], colors=[_GHOST], radii=rr.Radius.ui_points(3.0)
+                )
                 self._recording.log(path, line)
             else:
                 self._recording.log(path, rr.Clear(recursive=False))
@@ -248,26 +299,40 @@ def layout(cameras: Sequence[str]) -> Any:
 class Viewer:
     """A rerun viewer in a process of its own, bound to this machine alone.
 
-    web: a page for a browser instead of a window. Raises QuadrigError where it does not open.
+    web: a page for a browser instead of a window. options: of the `rerun` program, for a viewer without a window.
+    Raises QuadrigError where it does not open.
     """
 
-    def __init__(self, web: bool = False) -> None:
+    def __init__(self, web: bool = False, options: Sequence[str] = ()) -> None:
+        if not (web or options or has_screen()):
+            raise QuadrigError("there is no screen here for the rerun viewer; use --web for a browser or --no-viewer")
         port, self.page = free_port(), ""
-        command = [_executable(), "--bind", "127.0.0.1", "--port", str(port), "--memory-limit", _MEMORY]
+        command = [_executable(), "--bind", "127.0.0.1", "--port", str(port), "--memory-limit", _MEMORY, *options]
         if web:
             web_port = free_port()
             command += ["--serve-web", "--web-viewer-port", str(web_port)]
             self.page = f"http://127.0.0.1:{web_port}/?url=rerun%2Bhttp://127.0.0.1:{port}/proxy"
         self.address = f"rerun+http://127.0.0.1:{port}/proxy"
-        self._web = web
-        self._process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        self._stays = not (web or options)
+        # In a session of its own: a Ctrl-C that ends ours leaves the window with the result.
+        self._process = subprocess.Popen(
+            command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True
+        )
         self._wait_for(port)
+
+    @property
+    def open(self) -> bool:
+        """Whether it still runs."""
+        return self._process.poll() is None
 
     def _wait_for(self, port: int) -> None:
         until = time.monotonic() + _OPENING_SECONDS
-        while time.monotonic() < until and self._process.poll() is None:
+        while time.monotonic() < until and self.open:
             try:
                 socket.create_connection(("127.0.0.1", port), timeout=0.2).close()
+                # It listens before it opens its window, and dies where it cannot.
+                self._process.wait(_WINDOW_SECONDS if self._stays else 0.0)
+            except subprocess.TimeoutExpired:
                 return
             except OSError:
                 time.sleep(0.05)
@@ -276,7 +341,7 @@ class Viewer:
 
     def close(self, force: bool = False) -> None:
         """A window stays for who wants to look at the result; a page for a browser goes with the session."""
-        if not (self._web or force) or self._process.poll() is not None:
+        if (self._stays and not force) or self._process.poll() is not None:
             return
         import psutil
 
@@ -289,6 +354,13 @@ class Viewer:
             process.terminate()
         self._process.terminate()
         self._process.wait()
+
+
+def has_screen() -> bool:
+    """Whether a window can open here."""
+    # Elsewhere than on Linux a window opens wherever a person can start the command.
+    named = ("DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET")
+    return not sys.platform.startswith("linux") or any(os.environ.get(name) for name in named)
 
 
 def free_port() -> int:

@@ -168,8 +168,7 @@ def _screens(plan: SetupPlan, web: bool, no_viewer: bool, save: Path | None):
                 viewer = Viewer(web)
                 if viewer.page:
                     print(f"look at {viewer.page}", file=sys.stderr)
-            address = viewer.address if viewer is not None else ""
-            screens.append(RerunScreen(tuple(plan.sources), plan.config.rectangles, address, save))
+            screens.append(RerunScreen(tuple(plan.sources), plan.config.rectangles, viewer, save))
         except QuadrigError as error:
             if web:
                 raise

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Protocol
 
+import cv2
 import numpy as np
 
 from quadrig.rig.advice import Situation, advise, good_for
@@ -125,7 +126,8 @@ class SetupSession:
     def run(self) -> SetupResult:
         """Capture, search, solve and coach until the end; the recording is closed whatever happens."""
         began = time.monotonic()
-        # Two threads search: OpenCV lets go of the interpreter while it does.
+        # Two threads search: OpenCV lets go of the interpreter while it does, and its own would be in their way.
+        cv2.setNumThreads(1)
         self._pool = ThreadPoolExecutor(2, thread_name_prefix="search")
         self._fitters = ThreadPoolExecutor(1, thread_name_prefix="fit")
         self._keeper = Keeper(self._search, self._rectangles, self._fitters)

@@ -21,9 +21,10 @@ from quadrig.io.live_recorder import LiveRecorder
 from quadrig.io.live_search import LiveSearch
 from quadrig.io.live_solver import thinned
 from quadrig.io.recording import open_recording
-from quadrig.io.rerun_live import shared_counts
+from quadrig.io.rerun_live import RerunScreen, Viewer, shared_counts
 from quadrig.io.rig_file import read_rig
 from quadrig.io.setup_command import chosen_sources, length
+from quadrig.io.setup_state import SetupState
 from quadrig.rig.capture_faults import wrong_board_fault
 from quadrig.single.detect import detect
 from quadrig.single.errors import QuadrigError
@@ -196,7 +197,7 @@ def test_search_finds_what_a_full_search_finds():
         grey = render(lens, Pose.identity(), sheets, samples=2, blur=0.6, noise=1.0, colour=False)
         found = search.search(Frame("cam0", step, 0.0, picture=grey), step)
         assert {view.rectangle for view in found.views} == {"sheet", "board"}
-        exact = {view.rectangle: view for view in search.refine(found)}
+        exact = {view.rectangle: view for view in search.refine(found, {"sheet", "board"})}
         for view in detect(grey, [TAG, board]):
             np.testing.assert_array_equal(exact[view.rectangle].points, view.points)
             # The fit begins at outlines found in a window instead of the picture: a twentieth of a pixel at most.
@@ -275,3 +276,30 @@ def test_sources_of_the_command_line_and_of_rig_toml(tmp_path):
         chosen_sources(["a=0", "a=1"], config, tmp_path)
     with pytest.raises(QuadrigError, match="no cameras"):
         chosen_sources([], parse_config(CONFIG), tmp_path)
+
+
+def test_a_viewer_that_is_closed_is_said_and_the_session_goes_on(capfd):
+    viewer = Viewer(options=("--serve-grpc",))
+    screen = RerunScreen(("cam0",), (TAG,), viewer)
+    frame = Frame("cam0", 0, 0.0, picture=picture(0, held_poses()[0]))
+    screen.show(SetupState("one", frameset=0, frames={"cam0": frame}))
+    viewer.close()
+    until = time.monotonic() + 10
+    said = ""
+    while "the viewer was closed" not in said and time.monotonic() < until:
+        screen.show(SetupState("two", frameset=1, frames={"cam0": frame}))
+        time.sleep(0.05)
+        said += capfd.readouterr().err
+    screen.close()
+    assert said == "rig: the viewer was closed; the session goes on here\n"
+
+
+@pytest.mark.parametrize("display", ["", ":987"])
+def test_without_a_screen_the_session_is_told_on_the_terminal(videos, tmp_path, capsys, monkeypatch, display):
+    for name in ("WAYLAND_DISPLAY", "WAYLAND_SOCKET"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setenv("DISPLAY", display)
+    assert run(arguments(videos, tmp_path / "rig.mcap", "--fast")) == 0
+    said = capsys.readouterr()
+    assert len([line for line in said.err.splitlines() if "viewer" in line and "--no-viewer" in line]) == 1
+    assert "good for" in said.out

@@ -32,7 +32,7 @@ def numbered_picture(number: int) -> np.ndarray:
 
 
 def number_of(frame: Frame) -> int:
-    grey = frame.grey()
+    grey = frame.grey
     return sum(1 << bit for bit in range(8) if grey[90, 40 * bit + 20] > 120)
 
 
