@@ -88,6 +88,26 @@ def simulate(seed: int | np.random.Generator, scene: Scene | None = None) -> Sim
             return made
 
 
+def views_again(made: Simulated, scene: Scene, seed: int, world_from_camera: Pose | None = None) -> list[View]:
+    """Views of a new recording of the same room: the sheet held elsewhere, the cameras where told or as they were."""
+    rng = np.random.default_rng(seed)
+    sheet, points = _sheet(scene)
+    poses = made.world_from_camera if world_from_camera is None else world_from_camera
+    views = []
+    for frameset in range(scene.framesets):
+        place = _sheet_pose(rng, made.world_from_camera, frameset)
+        views += _see(rng, scene, made.lenses, poses, sheet, points, place, frameset)
+    return views
+
+
+def moved_poses(made: Simulated, reference: str, index: int, step: Array) -> Pose:
+    """world_from_camera with one camera moved by a step (6,) of its rig_from_camera."""
+    world_from_rig = made.world_from_camera[made.index(reference)]
+    poses = [made.world_from_camera[row] for row in range(len(made.inputs))]
+    poses[index] = world_from_rig @ (world_from_rig.inverse() @ poses[index]).retract(step)
+    return _stack(poses)
+
+
 def _draw(rng: np.random.Generator, scene: Scene) -> Simulated:
     lenses = np.stack([_lens(rng, scene) for _ in range(scene.cameras)])
     poses = _stack([_camera_pose(rng, scene, i) for i in range(scene.cameras)])

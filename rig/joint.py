@@ -262,7 +262,12 @@ def _robust(
 
 
 def _noise(adjustment: Adjustment, used: Observations, freedom: Freedom, noise: float) -> float:
-    """Sigma of a coordinate from what is left over, counting parameters that a prior holds for less than one."""
+    return noise_of(*left_over(adjustment, used, freedom, noise))
+
+
+def left_over(adjustment: Adjustment, used: Observations, freedom: Freedom, noise: float) -> tuple[float, float]:
+    """Sum of the weighted squared residuals (px^2) of a fit made with that noise, and its degrees of freedom, where
+    parameters that a prior holds count for less than one."""
     chi_square = adjustment.linearised.cost * noise**2
     seen = np.zeros(used.nodes, bool)
     for group in used.groups:
@@ -276,4 +281,4 @@ def _noise(adjustment: Adjustment, used: Observations, freedom: Freedom, noise: 
         loose = freedom.slack.loose
         held = freedom.slack.information[loose] * np.einsum("vii->vi", adjustment.softened.inverse)[loose]
         unknowns += float((1 - held).sum())
-    return noise_of(chi_square, 2 * used.count - unknowns)
+    return chi_square, 2 * used.count - unknowns

@@ -6,7 +6,9 @@ information H. The rig itself knows that step to its covariance S. So the new Vi
     b = (I + H S)^-1 g,   with information M = H (I + S H)^-1,   and   m = M_ii^-1 b_i
 
 to first order: generalised least squares in which the rig's doubt of lenses and poses is noise like any other
-(Woodbury's identity). Of a camera that did not move, b_i M_ii^-1 b_i is chi-square with six degrees of freedom.
+(Woodbury's identity). Of a camera that did not move, b_i M_ii^-1 b_i would be chi-square with six degrees of freedom
+if the noise of the corners were known. It is estimated, for H and for S apart, so that the law is Hotelling's:
+six times F of six and of Satterthwaite's degrees of freedom.
 """
 
 from collections.abc import Sequence
@@ -27,7 +29,8 @@ from .assemble import step_by_camera_twist
 from .elimination import dense_matrix
 from .graph import components, first_rig
 from .inputs import CameraInput
-from .joint import Joint, solve_jointly
+from .joint import Joint, left_over, solve_jointly
+from .outliers import USUAL_WEIGHT, noise_of
 from .problem import Problem, build_problem
 from .result import CAMERA_PARAMETERS, Rig
 from .start import start
@@ -111,7 +114,8 @@ def _why_not(name: str, problem: Problem) -> str:
 @dataclass(frozen=True, eq=False)
 class _Evidence:
     """b and M over the cameras' twists, names in order. stored: where the rig has each camera, in the new frame that
-    new_from_old leads to. distance (C,): how far off what each camera sees is, m."""
+    new_from_old leads to. distance (C,): how far off what each camera sees is, m. freedom (C,): degrees of freedom of
+    the noise that each camera's test rests on."""
 
     names: tuple[str, ...]
     score: Array
@@ -119,6 +123,7 @@ class _Evidence:
     stored: tuple[Pose, ...]
     new_from_old: Pose
     distance: Array
+    freedom: Array
 
 
 def _evidence(rig: Rig, problem: Problem) -> _Evidence:
@@ -127,7 +132,7 @@ def _evidence(rig: Rig, problem: Problem) -> _Evidence:
     joint = solve_jointly(problem, begin, first, np.arange(len(problem.cameras)) == 0)
     new_from_old = _aligned(joint, [rig.camera(camera.name).rig_from_camera for camera in problem.cameras])
     stored = tuple(new_from_old @ rig.camera(camera.name).rig_from_camera for camera in problem.cameras)
-    matrix, gradient, columns = _new_information(rig, problem, joint)
+    matrix, gradient, columns, freedom = _new_information(rig, problem, joint)
     size, count = len(columns) + 6, len(problem.cameras)
     step = np.zeros((count, size))
     found = joint.adjustment.state.camera_from_rig
@@ -138,15 +143,36 @@ def _evidence(rig: Rig, problem: Problem) -> _Evidence:
     unit = np.eye(len(matrix))
     information = matrix @ np.linalg.inv(unit + doubt @ matrix)
     seen = np.linalg.solve(unit + matrix @ doubt, score)
-    poses = (np.arange(count)[:, None] * size + len(columns) + np.arange(6)).ravel()
+    poses = np.ix_(*[(np.arange(count)[:, None] * size + len(columns) + np.arange(6)).ravel()] * 2)
     return _Evidence(
         tuple(camera.name for camera in problem.cameras),
-        seen[poses],
-        information[np.ix_(poses, poses)],
+        seen[poses[1].ravel()],
+        information[poses],
         stored,
         new_from_old,
         _distances(problem, joint),
+        _freedom(information[poses], (information @ doubt @ information)[poses], _stored_freedom(rig), freedom),
     )
+
+
+def _freedom(information: Array, passed: Array, stored: float, new: float) -> Array:
+    """Satterthwaite's degrees of freedom (C,) where a share of each camera's doubt comes from the stored rig's noise
+    and the rest from the new Views'. passed: M S M, by how much that share lowers the information."""
+    freedom = []
+    for rows in (_rows([i]) for i in range(len(information) // 6)):
+        block = np.ix_(rows, rows)
+        share = np.trace(np.linalg.pinv(information[block], hermitian=True) @ passed[block]) / _FREEDOMS
+        freedom.append(1 / (share**2 / stored + (1 - share) ** 2 / new))
+    return np.array(freedom)
+
+
+def _stored_freedom(rig: Rig) -> float:
+    """Degrees of freedom of the stored rig's noise; infinite where it does not say what it rests on."""
+    if not rig.fits:
+        return float("inf")
+    used = sum(int(np.sum(fit.used)) for fit in rig.fits if not fit.rejected)
+    poses = len(rig.cameras) - 1 + sum(max(len(placed.framesets), 1) for placed in rig.rectangles)
+    return max(2.0 * used - 6 * poses - sum(len(camera.free_lens) for camera in rig.cameras), 1.0)
 
 
 def _aligned(joint: Joint, stored: Sequence[Pose]) -> Pose:
@@ -163,21 +189,26 @@ def _aligned(joint: Joint, stored: Sequence[Pose]) -> Pose:
     return best
 
 
-def _new_information(rig: Rig, problem: Problem, joint: Joint) -> tuple[Array, Array, Array]:
-    """H, g and the lens columns at the new rig, every lens that the stored rig estimated and every pose free."""
+def _new_information(rig: Rig, problem: Problem, joint: Joint) -> tuple[Array, Array, Array, float]:
+    """H, g and the lens columns at the new rig, every lens that the stored rig estimated and every pose free; and the
+    degrees of freedom of the noise that H and g rest on."""
     free = np.array(
         [[name in rig.camera(camera.name).free_lens for name in LENS_PARAMETERS] for camera in problem.cameras]
     )
     nothing = np.zeros_like(joint.freedom.prior_information)
     opened = replace(joint.freedom, lens=free, pose=np.ones(len(free), bool), prior_information=nothing)
-    found = adjust(joint.observations, joint.adjustment.state, opened, joint.noise, most_steps=0)
+    chi_square, freedom = left_over(joint.adjustment, joint.observations, joint.freedom, joint.noise)
+    # What is known of the noise beforehand is what these cameras had when they were calibrated.
+    usual = rig.noise if np.isfinite(rig.noise) else joint.noise
+    noise = noise_of(chi_square, freedom, usual)
+    found = adjust(joint.observations, joint.adjustment.state, opened, noise, most_steps=0)
     reduced = undamped(found, opened)
     matrix, unknown = dense_matrix(reduced), reduced.free.ravel()
     matrix[~unknown, ~unknown] = 0.0
     gradient = np.where(unknown, reduced.gradient.ravel(), 0.0)
     size = len(found.columns) + 6
     is_clock = np.tile(np.arange(reduced.free.shape[1]) >= size, len(free))
-    return (*_without(matrix, gradient, is_clock), found.columns)
+    return (*_without(matrix, gradient, is_clock), found.columns, max(freedom, 0.0) + USUAL_WEIGHT)
 
 
 def _without(matrix: Array, gradient: Array, nuisance: Array) -> tuple[Array, Array]:
@@ -216,27 +247,27 @@ def _distances(problem: Problem, joint: Joint) -> Array:
 
 
 def _greedy(evidence: _Evidence, cameras: int, false_alarms: float) -> list[CameraMove]:
-    from scipy.stats import chi2
+    from scipy.stats import f
 
     # Every camera is tested, and any of them may raise the alarm: each has its share of the chance.
-    limit = float(chi2.isf(false_alarms / cameras, _FREEDOMS))
+    limits = _FREEDOMS * f.isf(false_alarms / cameras, _FREEDOMS, evidence.freedom)
     moved: list[int] = []
     instead: dict[int, tuple[str, ...]] = {}
     # One camera at least must stay: moves are told against it.
     while len(moved) < cameras - 1:
         gains = np.array([-np.inf if i in moved else _gain(evidence, moved, i) for i in range(cameras)])
+        gains[gains < limits] = -np.inf
         best = int(np.argmax(gains))
-        if gains[best] < limit:
+        if not np.isfinite(gains[best]):
             break
-        near = [i for i in range(cameras) if i != best and gains[i] > max(gains[best] - _AMBIGUOUS, limit)]
+        near = [i for i in range(cameras) if i != best and gains[i] > gains[best] - _AMBIGUOUS]
         instead[best] = tuple(evidence.names[i] for i in near)
         moved.append(best)
-    found = _found_sigmas(limit)
     answers = []
     for index in range(cameras):
         rivals = [i for i in moved if evidence.names[index] in instead[i]]
         others = [i for i in moved if i != index and i not in rivals]
-        answer = _answer(evidence, others, index, found)
+        answer = _answer(evidence, others, index, _found_sigmas(limits[index], evidence.freedom[index]))
         if index in moved:
             answer = replace(answer, state="moved", instead=instead[index], why="")
         elif rivals:
@@ -248,12 +279,13 @@ def _greedy(evidence: _Evidence, cameras: int, false_alarms: float) -> list[Came
     return answers
 
 
-def _found_sigmas(limit: float) -> float:
+def _found_sigmas(limit: float, freedom: float) -> float:
     """Of how many sigmas a shift is that passes the limit with the power promised."""
     from scipy.optimize import brentq
-    from scipy.stats import ncx2
+    from scipy.stats import ncf
 
-    return float(np.sqrt(brentq(lambda centre: ncx2.sf(limit, _FREEDOMS, centre) - _POWER, 0.1, 1e3)))
+    misses = lambda centre: ncf.sf(limit / _FREEDOMS, _FREEDOMS, freedom, centre) - _POWER  # noqa: E731
+    return float(np.sqrt(brentq(misses, 0.1, 1e3)))
 
 
 def _gain(evidence: _Evidence, others: list[int], index: int) -> float:
@@ -275,7 +307,7 @@ def _rows(cameras: list[int]) -> Array:
 
 def _answer(evidence: _Evidence, others: list[int], index: int, sigmas: float) -> CameraMove:
     """What is told of one camera where the others in the list may have moved. sigmas: of a shift surely found."""
-    from scipy.stats import chi2
+    from scipy.stats import f
 
     rows = _rows([*others, index])
     covariance = np.linalg.pinv(evidence.information[np.ix_(rows, rows)], hermitian=True)
@@ -294,7 +326,7 @@ def _answer(evidence: _Evidence, others: list[int], index: int, sigmas: float) -
         float(np.linalg.norm(step[:3])),
         float(np.sqrt(max(shift_doubt.sum(), 0))),
         float(np.sqrt(max(turn_doubt.sum(), 0))),
-        float(chi2.sf(_gain(evidence, others, index), _FREEDOMS)),
+        float(f.sf(_gain(evidence, others, index) / _FREEDOMS, _FREEDOMS, evidence.freedom[index])),
         found,
         why=f"it would have to move by {found:.2g} m to be noticed; show more rectangles to it" if blind else "",
         covariance=doubt,

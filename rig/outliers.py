@@ -13,9 +13,10 @@ from .observations import Observations
 _FAR = 25.0
 # A View of which this share of the corners is off is wrong as a whole (its id, its order, its instant).
 _WHOLE_VIEW = 0.5
-# Corner noise that a detector is known for, px, and the weight of that knowledge in degrees of freedom: it matters
-# only where the data has few of its own.
-_USUAL_NOISE, _USUAL_WEIGHT = 0.3, 4.0
+# Corner noise that a detector is known for, px.
+_USUAL_NOISE = 0.3
+USUAL_WEIGHT = 4.0
+"""Weight of what is known of the noise beforehand, in degrees of freedom: it matters where the data has few."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,10 +42,12 @@ def judge(observations: Observations, squares: tuple[Array, ...], noise: float) 
     return Judged(tuple(weights), rejected)
 
 
-def noise_of(chi_square: float, freedom: float) -> float:
-    """Sigma (px) of a coordinate, from a sum of weighted squares (px^2) of so many degrees of freedom."""
-    total = chi_square + _USUAL_WEIGHT * _USUAL_NOISE**2
-    return float(np.sqrt(total / (max(freedom, 0.0) + _USUAL_WEIGHT)))
+def noise_of(chi_square: float, freedom: float, usual: float = _USUAL_NOISE) -> float:
+    """Sigma (px) of a coordinate, from a sum of weighted squares (px^2) of so many degrees of freedom.
+
+    usual: px, what it was expected to be; counts as USUAL_WEIGHT degrees of freedom."""
+    total = chi_square + USUAL_WEIGHT * usual**2
+    return float(np.sqrt(total / (max(freedom, 0.0) + USUAL_WEIGHT)))
 
 
 def robust_noise(observations: Observations, squares: tuple[Array, ...]) -> float:

@@ -4,35 +4,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.stats import binom, ncx2
+from scipy.stats import binom
 
 from quadrig.rig.calibrate import calibrate
 from quadrig.rig.moved import find_moved
 from quadrig.single.errors import QuadrigError
-from quadrig.single.pose import Pose
 
 
-def views_again(simulated, made, seed, framesets=10, poses=None):
-    """Views of a new recording of the same room: the sheet held elsewhere; cameras where `poses` says."""
-    rng = np.random.default_rng(seed)
-    scene = simulated.Scene(cameras=len(made.inputs), framesets=framesets, noise=made.noise)
-    sheet, points = simulated._sheet(scene)
-    poses = made.world_from_camera if poses is None else poses
-    views = []
-    for frameset in range(framesets):
-        place = simulated._sheet_pose(rng, made.world_from_camera, frameset)
-        views += simulated._see(rng, scene, made.lenses, poses, sheet, points, place, frameset)
-    return views
-
-
-def moved_poses(made, reference, index, step):
-    """world_from_camera with one camera moved by a step (6,) of its rig_from_camera."""
-    world_from_rig = made.world_from_camera[made.index(reference)]
-    rig_from_camera = (world_from_rig.inverse() @ made.world_from_camera[index]).retract(step)
-    new = world_from_rig @ rig_from_camera
-    rotation, translation = made.world_from_camera.rotation.copy(), made.world_from_camera.translation.copy()
-    rotation[index], translation[index] = new.rotation, new.translation
-    return Pose(rotation, translation)
+def views_again(simulated, made, seed, poses=None):
+    scene = simulated.Scene(cameras=len(made.inputs), framesets=10, noise=made.noise)
+    return simulated.views_again(made, scene, seed, poses)
 
 
 @pytest.fixture(scope="module")
@@ -54,7 +35,7 @@ def test_a_rig_that_did_not_move_is_unmoved(simulated, room):
 def test_a_nudged_camera_is_named_with_its_shift(simulated, room, index):
     made, rig = room
     step = np.array([0.004, -0.006, 0.003, 0.010, -0.012, 0.015])
-    poses = moved_poses(made, rig.reference, index, step)
+    poses = simulated.moved_poses(made, rig.reference, index, step)
     moves = find_moved(rig, made.rectangles, views_again(simulated, made, 2, poses=poses))
     assert [move.state == "moved" for move in moves] == [i == index for i in range(4)]
     move = moves[index]
@@ -67,7 +48,9 @@ def test_a_large_move_is_measured_too(simulated, room):
     made, rig = room
     step = np.array([0.1, 0.05, -0.1, 0.2, -0.1, 0.1])
     moves = find_moved(
-        rig, made.rectangles, views_again(simulated, made, 3, poses=moved_poses(made, rig.reference, 2, step))
+        rig,
+        made.rectangles,
+        views_again(simulated, made, 3, poses=simulated.moved_poses(made, rig.reference, 2, step)),
     )
     assert [move.state for move in moves] == ["unmoved", "unmoved", "moved", "unmoved"]
     # To first order only: a tenth of a radian bends a step by a tenth of itself.
@@ -77,7 +60,7 @@ def test_a_large_move_is_measured_too(simulated, room):
 def test_the_reference_camera_may_be_the_one(simulated, room):
     made, rig = room
     step = np.array([0.01, 0.01, 0, 0.03, 0, 0.02])
-    poses = moved_poses(made, "cam1", made.index(rig.reference), step)
+    poses = simulated.moved_poses(made, "cam1", made.index(rig.reference), step)
     moves = find_moved(rig, made.rectangles, views_again(simulated, made, 4, poses=poses))
     assert [move.name for move in moves if move.state == "moved"] == [rig.reference]
 
@@ -85,7 +68,7 @@ def test_the_reference_camera_may_be_the_one(simulated, room):
 def test_of_two_cameras_nobody_can_say_which(simulated):
     made = simulated.simulate(6, simulated.Scene(cameras=2, framesets=14, tags=0))
     rig = calibrate(made.inputs, made.rectangles, made.views)
-    poses = moved_poses(made, "cam0", 1, np.array([0.01, 0, 0, 0.05, 0, 0.02]))
+    poses = simulated.moved_poses(made, "cam0", 1, np.array([0.01, 0, 0, 0.05, 0, 0.02]))
     moves = find_moved(rig, made.rectangles, views_again(simulated, made, 7, poses=poses))
     moved = [move for move in moves if move.state == "moved"]
     assert len(moved) == 1
@@ -113,11 +96,19 @@ def test_a_chance_is_between_none_and_all(room):
         find_moved(room[1], room[0].rectangles, [], false_alarms=0)
 
 
-def test_the_arithmetic_of_the_promise():
-    """Six sigmas are found with 95 % power at 1 % false alarms where four cameras share the chance."""
-    from scipy.stats import chi2
-
-    assert ncx2.sf(chi2.isf(0.01 / 4, 6), 6, 36) > 0.95
+def test_few_corners_ask_for_more(simulated):
+    """Where few corners tell the noise, a camera must stray further to be called moved, and the answer says so."""
+    made = simulated.simulate(5, simulated.Scene(cameras=3, framesets=20, tags=0, board=False))
+    rig = calibrate(made.inputs, made.rectangles, made.views)
+    scene = simulated.Scene(cameras=3, framesets=20, noise=made.noise, board=False)
+    views = simulated.views_again(made, scene, 1)
+    sigmas = []
+    for last in (3, 20):
+        moves = find_moved(rig, made.rectangles, [view for view in views if view.frameset < last])
+        sigmas.append([move.found / np.sqrt(np.linalg.eigvalsh(move.covariance[3:, 3:])[-1]) for move in moves])
+    assert np.all(np.array(sigmas[0]) > np.array(sigmas[1]))
+    # Where the noise is known, three cameras that share the chance are told at 5.56 sigmas each.
+    assert np.all((np.array(sigmas[1]) > 5.56) & (np.array(sigmas[1]) < 6))
 
 
 def trial(simulated, seed):
@@ -131,7 +122,7 @@ def trial(simulated, seed):
     direction /= np.linalg.norm(direction)
     values, axes = np.linalg.eigh(still[index].covariance)
     step = axes @ (np.sqrt(np.maximum(values, 0)) * direction) * 6
-    nudged = views_again(simulated, made, seed, poses=moved_poses(made, rig.reference, index, step))
+    nudged = views_again(simulated, made, seed, poses=simulated.moved_poses(made, rig.reference, index, step))
     found = find_moved(rig, made.rectangles, nudged)
     return [move.chance for move in still], any(move.state == "moved" for move in found)
 
@@ -159,6 +150,7 @@ def floor_rig(folder, turn_sigma, place_sigma, focal_sigma):
 
     from quadrig.rig.result import Camera, Rig
     from quadrig.single.lens import Intrinsics
+    from quadrig.single.pose import Pose
     from quadrig.single.rectangle import rectangle_corners
     from quadrig.single.view import View
 
@@ -192,7 +184,8 @@ def test_the_nudged_cameras_of_the_floor(shared_data, turn_sigma, place_sigma):
     rig, views = floor_rig(shared_data / "floor", np.radians(turn_sigma), place_sigma, 5.0)
     moves = {move.name: move for move in find_moved(rig, [Rectangle("square", 0.15, 0.15)], views)}
     moved = {name for name, move in moves.items() if move.state == "moved"}
-    assert moved >= {"camera_00", "camera_01"}
+    # The second turned by 0.8 degrees, which four corners alone tell where the rig was known to a twentieth.
+    assert moved >= ({"camera_00", "camera_01"} if turn_sigma < 0.1 else {"camera_00"})
     assert min(moves, key=lambda name: moves[name].chance if name in moved else 1) == "camera_00"
     assert 2 < np.degrees(moves["camera_00"].turn) < 3.5
     assert moves["camera_13"].state != "moved"
