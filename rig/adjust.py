@@ -28,6 +28,9 @@ from .slack import SlackPrior, Softened, slack_steps, soften
 CONVERGED = 1e-6
 # Clocks are known to a second beforehand (1/s^2): this holds their common offset, which nothing else does.
 _CLOCK_INFORMATION = 1.0
+# Near a minimum each fall of chi-square is a share of the last one: as small as the last two show, but Gauss-Newton's
+# neglect of residuals keeps it from getting much smaller than this (0.004 seen).
+_SLOWEST = 0.01
 _FIRST_DAMPING = 1e-5
 # Past this damping a step is shorter than rounding; the state is at a minimum, or cannot be left.
 _LAST_DAMPING = 1e8
@@ -91,24 +94,55 @@ def adjust(
     """The state of least cost that can be reached from `state`.
 
     noise: sigma (px) of a pixel coordinate of weight 1. robust: Cauchy's loss instead of squares. tolerance: the
-    expected fall of chi-square below which no further step is taken.
+    fall of chi-square to be expected of a further step, below which none is taken.
     """
     problem = _Adjusted(observations, freedom, tables or layout(observations), freedom.columns, noise, robust)
     if freedom.slack is not None and state.slack is None:
         state = replace(state, slack=np.zeros((len(observations.camera), 6)))
     here = _expand(problem, state)
     costs, damping = [here.cost], _FIRST_DAMPING
+    last = 0.0
     while len(costs) <= most_steps:
         found = _better(problem, here, damping)
         if found is None:
             break
         here, expected, damping = found
         costs.append(here.cost)
-        if expected < tolerance:
+        share = expected / last if last > expected else 1.0
+        if expected * max(share, _SLOWEST) < tolerance:
             break
+        last = expected
     return Adjustment(
         here.state, tuple(costs), here.linearised, here.normal, problem.tables, problem.columns, here.softened
     )
+
+
+def with_noise(
+    found: Adjustment, observations: Observations, freedom: Freedom, before: float, after: float
+) -> Adjustment:
+    """The end of an adjustment by least squares without slack, as if the noise had been another (px).
+
+    Priors weigh otherwise then: the step to the new minimum is so short that the derivatives stay what they are.
+    """
+    gram = found.linearised.gram * (before / after) ** 2
+    found = replace(found, normal=_normal(observations, found, freedom, gram))
+    reduced = undamped(found, freedom)
+    steps = solve_cameras(reduced)
+    poses = node_steps(found.normal, found.layout, reduced, steps)
+    by_view = view_steps(observations, found.state, steps, poses, len(found.columns))
+    # The residuals after the step, to first order: r - J step.
+    shift = np.zeros_like(gram)
+    shift[:] = np.eye(gram.shape[-1])
+    shift[:, :-1, -1] = -by_view
+    gram = np.swapaxes(shift, -1, -2) @ gram @ shift
+    state = _stepped(observations, found.columns, found.state, None, steps, poses)
+    moved = replace(found, state=state, linearised=replace(found.linearised, gram=gram))
+    return replace(moved, normal=_normal(observations, moved, freedom, gram))
+
+
+def _normal(observations: Observations, found: Adjustment, freedom: Freedom, gram: Array) -> Normal:
+    normal = normal_equations(observations, found.layout, found.state, gram)
+    return with_prior(normal, found.state, freedom, found.columns)
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,7 +186,7 @@ def _expand(problem: _Adjusted, state: State, known: tuple[Linearised, float] | 
 def _better(problem: _Adjusted, here: _Expansion, damping: float) -> tuple[_Expansion, float, float] | None:
     """The next state of lower cost, the fall that was expected, and the next damping; None at a minimum."""
     freedom, normal = problem.freedom, here.normal
-    unknowns = freedom.unknowns(problem.columns, here.state)
+    unknowns, first = freedom.unknowns(problem.columns, here.state), damping
     while damping < _LAST_DAMPING:
         try:
             reduced = eliminate(normal, problem.tables, unknowns, freedom.node, damping)
@@ -162,25 +196,33 @@ def _better(problem: _Adjusted, here: _Expansion, damping: float) -> tuple[_Expa
             continue
         poses = node_steps(normal, problem.tables, reduced, steps)
         expected = float((steps * normal.camera_gradient * unknowns).sum() + (poses * normal.node_gradient).sum())
-        trial = _stepped(problem, here, steps, poses)
+        trial = _stepped(problem.observations, problem.columns, here.state, here.softened, steps, poses)
         found = _linearised(problem, trial)
         # At the very minimum rounding decides whether the cost still falls: equal to its last digits is as good.
         if found[1] <= here.cost * (1 + 1e-14):
-            return _expand(problem, trial, found), expected, damping / 10
+            # What was just too little damping would be so again.
+            return _expand(problem, trial, found), expected, damping / 10 if damping == first else damping
         if expected < CONVERGED:
             return None
         damping = max(damping, 1e-6) * 10
     return None
 
 
-def _stepped(problem: _Adjusted, here: _Expansion, steps: Array, poses: Array) -> State:
-    state, count = here.state, len(problem.columns)
+def followed(found: Adjustment, observations: Observations, reduced: Reduced, steps: Array) -> State:
+    """The state after steps (C, M) of the cameras from the end of an adjustment; all else follows."""
+    poses = node_steps(found.normal, found.layout, reduced, steps)
+    return _stepped(observations, found.columns, found.state, found.softened, steps, poses)
+
+
+def _stepped(
+    observations: Observations, columns: Array, state: State, softened: Softened | None, steps: Array, poses: Array
+) -> State:
+    count = len(columns)
     lens = np.zeros_like(state.lens)
-    lens[:, problem.columns] = steps[:, :count]
+    lens[:, columns] = steps[:, :count]
     slack = state.slack
-    if here.softened is not None and slack is not None:
-        chained = view_steps(problem.observations, state, steps, poses, count)
-        slack = slack + slack_steps(here.softened, chained)
+    if softened is not None and slack is not None:
+        slack = slack + slack_steps(softened, view_steps(observations, state, steps, poses, count))
     offsets = None if state.offsets is None else state.offsets + steps[:, count + 6 :].sum(axis=1)
     return replace(state.moved(lens, steps[:, count : count + 6], poses), slack=slack, offsets=offsets)
 

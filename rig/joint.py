@@ -6,18 +6,18 @@ import numpy as np
 
 from quadrig.single.rotation import Array
 
-from .adjust import Adjustment, Freedom, adjust, undamped
+from .adjust import Adjustment, Freedom, adjust, undamped, with_noise
 from .clock import motion
 from .elimination import Reduced, node_inverses, reduced_inverse
 from .graph import FirstRig, joined_cameras
 from .lens_choice import LensChoices, choose_lenses, starting_lenses
-from .normal_equations import Layout, State, chain_derivatives, layout
+from .normal_equations import Layout, State, chain_derivatives, layout, residual_squares
 from .observations import Observations
 from .outliers import Judged, judge, noise_of, robust_noise
 from .principal_point import PRINCIPAL_SIGMA
 from .problem import Problem
 from .slack import SlackPrior, learned, slack_variances, strays
-from .start import LEAST_NOISE, Start, prior
+from .start import ENOUGH_POINTS, LEAST_NOISE, Start, prior
 
 # A fit that others follow is good enough once a step would lower chi-square by this little: a sigma.
 _ROUGH = 1.0
@@ -80,34 +80,33 @@ def solve_jointly(
     observations = problem.observations(first.reading)
     tables = layout(observations)
     freedom = _freedom(problem, observations, begin, standing, fixed_node)
-    found, noise = _robust(observations, begin, first, freedom, tables)
-    judged = _judge(observations, found, freedom, noise)
+    found, noise = _robust(observations.thinned(ENOUGH_POINTS), begin, first, freedom, tables)
+    judged = _judge(observations, residual_squares(observations, found.state), found.state, freedom, noise)
     if noise > _OUT_OF_STEP * begin.noise or _outvoted(problem, observations, judged, _OUTVOTED).any():
         noise = begin.noise
         start_again = replace(found, state=State(begin.lens, first.camera_from_rig, first.rig_from_node))
         found, freedom = _loosened(problem, observations, start_again, freedom, noise)
-        judged = _judge(observations, found, freedom, noise)
+        judged = _judge(observations, found.linearised.squares, found.state, freedom, noise)
     costs = found.costs
     _refuse_contradicted(problem, observations, judged)
     used = observations.with_weights(judged.weights)
-    choices = choose_lenses(problem, used, found.state, freedom, noise)
-    state = replace(
-        found.state, lens=np.where(choices.free | ~_changeable(problem), found.state.lens, freedom.prior_mean)
-    )
+    choices = choose_lenses(problem, used, found.state, freedom, noise, tables)
+    state = choices.state
+    state = replace(state, lens=np.where(choices.free | ~_changeable(problem), state.lens, freedom.prior_mean))
     information = _priors(problem, begin, choices.principal_sigma)[1]
     freedom = replace(freedom, lens=choices.free, prior_information=information)
     for _ in range(_ROUNDS):
         found = adjust(used, state, freedom, noise, most_steps=_MOST_STEPS, tables=tables)
-        state, costs = found.state, costs + found.costs
+        state, costs, last = found.state, costs + found.costs, noise
         noise = _noise(found, used, freedom, noise)
-        again = _judge(observations, found, freedom, noise)
+        again = _judge(observations, found.linearised.squares, state, freedom, noise)
         if all(np.array_equal(a > 0, b > 0) for a, b in zip(again.weights, judged.weights, strict=True)):
             break
         judged = again
         _refuse_contradicted(problem, observations, judged)
         used = observations.with_weights(judged.weights)
     # The same minimum with weights of the final noise, and the covariance that belongs to them.
-    adjustment = adjust(used, state, freedom, noise, tables=tables, most_steps=0 if state.slack is None else 10)
+    adjustment = _at_noise(used, found, freedom, last, noise)
     reduced = undamped(adjustment, freedom)
     predicted = _without_slack(used, adjustment.state, freedom, noise)
     return Joint(
@@ -122,6 +121,13 @@ def solve_jointly(
         costs,
         predicted,
     )
+
+
+def _at_noise(used: Observations, found: Adjustment, freedom: Freedom, before: float, after: float) -> Adjustment:
+    """The minimum for another noise: the same, but for what priors and slack hold."""
+    if found.state.slack is not None:
+        return adjust(used, found.state, freedom, after, tables=found.layout, most_steps=10)
+    return with_noise(found, used, freedom, before, after)
 
 
 def _outvoted(problem: Problem, observations: Observations, judged: Judged, share: float) -> Array:
@@ -185,7 +191,8 @@ def _without_need(
     """The fit without slack where clocks, or single Views that are wrong, explain what the cameras disagreed on; else
     as it is."""
     firm = replace(freedom, slack=None)
-    kept = observations.with_weights(_judge(observations, found, freedom, noise).weights)
+    judged = _judge(observations, found.linearised.squares, found.state, freedom, noise)
+    kept = observations.with_weights(judged.weights)
     tried = adjust(kept, replace(found.state, slack=None), firm, noise, True, 12, found.layout, _ROUGH)
     quiet = robust_noise(kept, tried.linearised.squares) < _EXPLAINED * noise
     outvoted = _outvoted(problem, observations, judge(observations, tried.linearised.squares, noise), _MAJORITY)
@@ -208,9 +215,11 @@ def _with_still_clocks(used: Observations, state: State, freedom: Freedom, noise
     return replace(adjust(used, replace(state, motion=still), freedom, noise).state, motion=state.motion)
 
 
-def _judge(observations: Observations, found: Adjustment, freedom: Freedom, noise: float) -> Judged:
+def _judge(
+    observations: Observations, squares: tuple[Array, ...], state: State, freedom: Freedom, noise: float
+) -> Judged:
     """Corners by their residual, and Views of moving rectangles by how far they stray."""
-    judged, state = judge(observations, found.linearised.squares, noise), found.state
+    judged = judge(observations, squares, noise)
     if state.slack is None or freedom.slack is None:
         return judged
     stray = strays(state.slack, freedom.slack)

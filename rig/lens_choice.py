@@ -13,10 +13,10 @@ import numpy as np
 from quadrig.single.lens import LENS_PARAMETERS
 from quadrig.single.rotation import Array
 
-from .adjust import Freedom, adjust, undamped
+from .adjust import Freedom, adjust, followed, undamped
 from .elimination import reduced_inverse, solve_cameras
 from .inputs import LensChoice
-from .normal_equations import State
+from .normal_equations import Layout, State
 from .observations import Observations
 from .principal_point import PRINCIPAL_SIGMA, learned_sigma
 from .problem import Problem
@@ -59,12 +59,14 @@ _OVERRIDES: dict[LensChoice, tuple[str, ...]] = {
 class LensChoices:
     """free (C, 9) bool, and a sentence for each camera that says why.
 
-    principal_sigma: width of the prior of principal points, as a share of the image's larger side.
+    principal_sigma: width of the prior of principal points, as a share of the image's larger side. state: with the
+    parameters that are not free at their prior mean, and all others where Newton's step takes them then.
     """
 
     free: Array
     reasons: tuple[str, ...]
     principal_sigma: float
+    state: State
 
 
 def _mask(names: tuple[str, ...]) -> Array:
@@ -82,17 +84,20 @@ def starting_lenses(problem: Problem) -> Array:
 
 
 def choose_lenses(
-    problem: Problem, observations: Observations, state: State, freedom: Freedom, noise: float
+    problem: Problem, observations: Observations, state: State, freedom: Freedom, noise: float, tables: Layout
 ) -> LensChoices:
     """The lens of every camera, from one linearisation at the state of a first joint adjustment."""
     free = freedom.lens.copy()
     reasons = ["given and kept fixed" if c.fixed else f"asked for: {c.lens}" for c in problem.cameras]
     automatic = [row for row, c in enumerate(problem.cameras) if not c.fixed and c.lens == "auto"]
     if not automatic:
-        return LensChoices(free, tuple(reasons), PRINCIPAL_SIGMA)
+        return LensChoices(free, tuple(reasons), PRINCIPAL_SIGMA, state)
     everything = freedom.lens.copy()
     everything[automatic] = True
-    step, covariance = _full_step(observations, state, freedom, everything, noise)
+    opened = replace(freedom, lens=everything)
+    found = adjust(observations, state, opened, noise, most_steps=0, tables=tables)
+    reduced = undamped(found, opened)
+    step, covariance = solve_cameras(reduced), reduced_inverse(reduced)
     size = covariance.shape[0] // len(problem.cameras)
     for row in automatic:
         block = covariance[row * size : row * size + 9, row * size : row * size + 9]
@@ -109,7 +114,10 @@ def choose_lenses(
     away = state.lens + step[:, :9] - freedom.prior_mean
     lens_covariance = covariance.reshape(len(free), size, len(free), size)[:, :9, :, :9]
     principal_sigma = _principal_sigma(problem, away, lens_covariance, free, everything)
-    return LensChoices(free, tuple(reasons), principal_sigma)
+    held, value = np.zeros(step.shape, bool), np.zeros(step.shape)
+    held[:, :9], value[:, :9] = everything & ~free, freedom.prior_mean - state.lens
+    chosen = followed(found, observations, reduced, _held_at(step, covariance, held, value))
+    return LensChoices(free, tuple(reasons), principal_sigma, chosen)
 
 
 def _times(odds: float) -> str:
@@ -155,13 +163,14 @@ def _cost_of_neutral(away: Array, covariance: Array, prior_variance: Array) -> f
     return float(away @ np.linalg.solve(covariance, away) + log_determinant - np.log(prior_variance).sum())
 
 
-def _full_step(
-    observations: Observations, state: State, freedom: Freedom, everything: Array, noise: float
-) -> tuple[Array, Array]:
-    """Newton's step (C, 15) with all lens parameters free, and its covariance (15 C, 15 C)."""
-    opened = replace(freedom, lens=everything)
-    reduced = undamped(adjust(observations, state, opened, noise, most_steps=0), opened)
-    return solve_cameras(reduced), reduced_inverse(reduced)
+def _held_at(step: Array, covariance: Array, held: Array, value: Array) -> Array:
+    """Newton's step (C, M) with some elements `held` (C, M) bool at a value (C, M): the others, given these."""
+    index, step = np.flatnonzero(held), step.copy()
+    if len(index):
+        short = value[held] - step[held]
+        share = np.linalg.solve(covariance[np.ix_(index, index)], short)
+        step += (covariance[:, index] @ share).reshape(step.shape)
+    return step
 
 
 def _steps(mask: Array) -> int:

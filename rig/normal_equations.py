@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from quadrig.single.lens import LENS_PARAMETERS, fill_projection_rows
+from quadrig.single.lens import LENS_PARAMETERS, fill_projection_rows, project
 from quadrig.single.pose import Pose
 from quadrig.single.rotation import Array, cross_matrix
 
@@ -44,11 +44,12 @@ class State:
 
     def moved(self, lens: Array, cameras: Array, nodes: Array) -> "State":
         """After steps of the lenses (C, 9) and twists in the rig frame of cameras (C, 6) and nodes (N, 6)."""
+        step, count = Pose.from_twist(np.concatenate([cameras, nodes])), len(cameras)
         return replace(
             self,
             lens=self.lens + lens,
-            camera_from_rig=self.camera_from_rig @ Pose.from_twist(cameras),
-            rig_from_rect=Pose.from_twist(nodes) @ self.rig_from_rect,
+            camera_from_rig=self.camera_from_rig @ step[:count],
+            rig_from_rect=step[count:] @ self.rig_from_rect,
         )
 
     def rig_from_seen(self, observations: Observations) -> Pose:
@@ -91,13 +92,25 @@ def linearise(observations: Observations, state: State, columns: Array, noise: f
             rows[~np.isfinite(rows)] = 0.0
         cost += group_cost
         squares.append(square)
-        flat = rows.reshape(len(rows), len(columns) + 7, -1)
-        if weights.min(initial=np.inf) == weights.max(initial=-np.inf):
-            gram[group.view] = (flat @ np.swapaxes(flat, -1, -2)) * weights.flat[0]
-        else:
-            rows *= np.sqrt(weights)[:, None, None, :]
-            gram[group.view] = flat @ np.swapaxes(flat, -1, -2)
+        uniform = weights.min(initial=np.inf) == weights.max(initial=-np.inf)
+        if not uniform:
+            rows *= np.sqrt(weights)[:, None, :]
+        flat = rows.reshape(len(rows), len(weights), -1).transpose(1, 0, 2)
+        product = flat @ np.swapaxes(flat, -1, -2)
+        gram[group.view] = product * weights.flat[0] if uniform else product
     return Linearised(gram, cost, tuple(squares))
+
+
+def residual_squares(observations: Observations, state: State) -> tuple[Array, ...]:
+    """For each group (V, P) the squared residual in px^2, as `linearise` has it."""
+    chained, squares = state.camera_from_rect(observations), []
+    for group in observations.groups:
+        pose = chained[group.view]
+        located = group.points @ np.swapaxes(pose.rotation, -1, -2) + pose.translation[:, None]
+        with np.errstate(invalid="ignore"):
+            seen = project(state.lens[group.camera][:, None], located, group.model)
+        squares.append(((group.pixels - seen) ** 2).sum(axis=-1))
+    return tuple(squares)
 
 
 def _weighed(group: ObservationGroup, square: Array, noise: float, robust: bool) -> tuple[Array, float]:
@@ -117,26 +130,31 @@ def _weighed(group: ObservationGroup, square: Array, noise: float, robust: bool)
 
 
 def _rows(group: ObservationGroup, lens: Array, camera_from_rect: Pose, columns: Array) -> tuple[Array, Array]:
-    """Rows (V, K + 7, 2, P) of derivatives and residual, and squared residuals (V, P)."""
+    """Rows (K + 7, V, 2, P) of derivatives and residual, and squared residuals (V, P)."""
     count, size = group.weights.shape
-    turned = np.moveaxis(group.points @ np.swapaxes(camera_from_rect.rotation, -1, -2), -1, 0)
+    turned = np.moveaxis(camera_from_rect.rotation @ np.swapaxes(group.points, -1, -2), 1, 0).copy()
     located = turned + camera_from_rect.translation.T[:, :, None]
     wanted = len(columns)
-    rows = np.zeros((count, wanted + 7, 2, size))
-    lead = rows.transpose(1, 2, 0, 3)
+    rows = np.zeros((wanted + 7, count, 2, size))
     by_lens: list[Array | None] = [None] * LENS
     for place, column in enumerate(columns):
-        by_lens[column] = lead[place]
-    by_point = np.empty((3, 2, count, size))
+        by_lens[column] = np.moveaxis(rows[place], 1, 0)
+    by_point = np.moveaxis(rows[wanted + 3 : wanted + 6], 2, 1)
     pixels = fill_projection_rows(lens.T[:, :, None], located, by_lens, by_point, group.model)
     for axis in range(3):
         # The step turns q = R p by omega x q; its product with the derivative by the point is omega . (q x g).
         a, b = (axis + 1) % 3, (axis + 2) % 3
-        lead[wanted + axis] = turned[a] * by_point[b] - turned[b] * by_point[a]
-    lead[wanted + 3 : wanted + 6] = by_point
-    residual = np.moveaxis(group.pixels, -1, 0) - pixels
-    lead[wanted + 6] = residual
-    return rows, residual[0] ** 2 + residual[1] ** 2
+        for side in range(2):
+            across = turned[a] * by_point[b, side]
+            across -= turned[b] * by_point[a, side]
+            rows[wanted + axis, :, side] = across
+    residual = np.moveaxis(rows[-1], 1, 0)
+    square = np.zeros((count, size))
+    for side in range(2):
+        left_over = group.pixels[..., side] - pixels[side]
+        residual[side] = left_over
+        square += left_over * left_over
+    return rows, square
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,7 +193,10 @@ class _Sum:
         return _Sum(order, starts, keys, len(keys) if total is None else total)
 
     def __call__(self, rows: Array) -> Array:
-        sums = np.add.reduceat(rows[self.order], self.starts, axis=0) if len(self.starts) else rows[:0]
+        ordered = rows[self.order]
+        # Where no two rows share a key there is nothing to add.
+        alone = len(self.starts) == len(self.order)
+        sums = ordered if alone else np.add.reduceat(ordered, self.starts, axis=0)
         if len(self.keys) == self.total:
             return sums
         result = np.zeros((self.total, *rows.shape[1:]))
@@ -257,25 +278,16 @@ def chain_derivatives(observations: Observations, state: State) -> tuple[Array, 
 def normal_equations(observations: Observations, layout: Layout, state: State, gram: Array) -> Normal:
     """Spread the Gram matrices over camera and rectangle poses by the chain of Eq. 50."""
     lens = gram.shape[-1] - 7
-    by_camera, by_node = chain_derivatives(observations, state)
+    by_camera, _ = chain_derivatives(observations, state)
     size = lens + by_camera.shape[-1]
-    spread = np.zeros((len(gram), size, size + 7))
-    spread[:, :lens, :lens] = gram[:, :lens, :lens]
-    cross = gram[:, :lens, lens : lens + 6]
-    pose = gram[:, lens : lens + 6, lens : lens + 6]
-    transposed = np.swapaxes(by_camera, -1, -2)
-    spread[:, :lens, lens:size] = cross @ by_camera
-    spread[:, lens:size, :lens] = np.swapaxes(spread[:, :lens, lens:size], -1, -2)
-    turned = transposed @ pose
-    spread[:, lens:size, lens:size] = turned @ by_camera
-    spread[:, :lens, size : size + 6] = cross @ by_node
-    spread[:, lens:size, size : size + 6] = turned @ by_node
-    spread[:, :lens, -1] = gram[:, :lens, -1]
-    residual = gram[:, lens : lens + 6, -1:]
-    spread[:, lens:size, -1:] = transposed @ residual
-    node_transposed = np.swapaxes(by_node, -1, -2)
-    node = np.concatenate([node_transposed @ pose @ by_node, node_transposed @ residual], axis=-1)
-    cameras = layout.view_by_camera(spread[:, :, [*range(size), -1]])
-    nodes = layout.view_by_node(node)
-    pairs = layout.view_by_pair(spread[:, :, size : size + 6])
+    # By the camera's unknowns and the residual; a node's twist moves the View as its camera's does.
+    by_unknown = np.zeros((len(gram), lens + 7, size + 1))
+    by_unknown[:, range(lens), range(lens)] = 1.0
+    by_unknown[:, lens : lens + 6, lens:size] = by_camera
+    by_unknown[:, -1, -1] = 1.0
+    spread = np.swapaxes(by_unknown, -1, -2) @ gram @ by_unknown
+    cameras = layout.view_by_camera(spread[:, :size])
+    node = [*range(lens, lens + 6), size]
+    nodes = layout.view_by_node(spread[:, lens : lens + 6, node])
+    pairs = layout.view_by_pair(spread[:, :size, lens : lens + 6])
     return Normal(cameras[:, :, :-1], cameras[:, :, -1], nodes[:, :, :-1], nodes[:, :, -1], pairs)

@@ -58,10 +58,29 @@ class Observations:
                 groups.append(ObservationGroup(*parts, g.model))
         return Observations(tuple(groups), self.camera, self.node, self.cameras, self.nodes)
 
+    def thinned(self, most: int) -> "Observations":
+        """The same Views with at most so many points each, spread evenly over the order of those they have."""
+        groups = tuple(g if g.weights.shape[1] <= most else _thinned(g, most) for g in self.groups)
+        return Observations(groups, self.camera, self.node, self.cameras, self.nodes)
+
     @property
     def count(self) -> float:
         """How many points carry weight, each as much as its View counts for."""
         return float(sum(((g.weights > 0).sum(axis=1) * g.share).sum() for g in self.groups))
+
+
+def _thinned(group: ObservationGroup, most: int) -> ObservationGroup:
+    count = (group.weights > 0).sum(axis=1)[:, None]
+    spread = (np.linspace(0, 1, most) * (count - 1)).astype(int)
+    # A View of fewer points has them all in front, and padding of no weight after them.
+    chosen = np.where(count > most, spread, np.arange(most))
+    row = np.arange(len(chosen))[:, None]
+    return replace(
+        group,
+        points=group.points[row, chosen],
+        pixels=group.pixels[row, chosen],
+        weights=group.weights[row, chosen],
+    )
 
 
 def pack(

@@ -17,8 +17,8 @@ from quadrig.single.pose import Pose, compose_jacobians
 from quadrig.single.rectangle import rectangle_corners
 from quadrig.single.rotation import Array, nearest_rotation
 
-from .adjust import Freedom, adjust
-from .normal_equations import State, layout, linearise
+from .adjust import Adjustment, Freedom, adjust
+from .normal_equations import State
 from .observations import Observations, pack
 from .outliers import robust_noise
 from .problem import Problem
@@ -33,9 +33,15 @@ LEAST_NOISE = 0.02
 _TWIN_COST = 40.0
 # Standard deviations of lens parameters before any data, for lenses people use: without data they stay neutral.
 PRIOR_SIGMA = {"k1": 0.3, "k2": 0.2, "p1": 0.003, "p2": 0.003, "k3": 0.2, "aspect": 0.005}
-# Steps before and after the noise is first known: the joint adjustment has the last word anyway.
-_MONO_STEPS = (3, 1)
-_NO_LENS = np.zeros(0, int)
+# So many points, spread over a board, tell a pose and a lens well enough to start from: every point has its say
+# at the end.
+ENOUGH_POINTS = 16
+# Steps of each camera by itself: the joint adjustment follows.
+_MONO_STEPS = 3
+# A start is good enough once a step would lower chi-square by this little: a sigma.
+_ROUGH = 1.0
+# Noise (px) where no View has a pose that could show it.
+_USUAL_NOISE = 0.3
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,11 +70,11 @@ class Start:
 
 def start(problem: Problem) -> Start:
     """Calibrate each camera against the rectangles it sees."""
-    observations = _alone(problem)
+    observations = _alone(problem).thinned(ENOUGH_POINTS)
     lens = _first_lenses(problem, observations)
     poses, errors = _both_poses(observations, lens)
-    lens, first, noise = _refine(problem, observations, lens, poses[:, 0])
-    return Start(lens, _candidates(problem, observations, lens, first, poses[:, 1], errors, noise), noise)
+    alone = _refine(problem, observations, lens, poses[:, 0], errors[:, 0])
+    return Start(alone.lens, _candidates(problem, observations, alone, poses[:, 1], errors), alone.noise)
 
 
 def prior(problem: Problem, principal_sigma: float) -> tuple[Array, Array]:
@@ -173,10 +179,21 @@ def _both_poses(observations: Observations, lens: Array) -> tuple[Pose, Array]:
     return Pose(rotation, translation), errors
 
 
-def _refine(problem: Problem, observations: Observations, lens: Array, poses: Pose) -> tuple[Array, Pose, float]:
+@dataclass(frozen=True, eq=False)
+class _Alone:
+    """Each camera by itself: lenses (C, 9), noise (px), and of every View its pose, a batch (V,), the pose's
+    covariance (V, 6, 6) for its lens, and chi-square (V,)."""
+
+    lens: Array
+    noise: float
+    camera_from_rect: Pose
+    covariance: Array
+    cost: Array
+
+
+def _refine(problem: Problem, observations: Observations, lens: Array, poses: Pose, errors: Array) -> _Alone:
     """Joint fit of each camera's focal and first distortion over its Views, poses following."""
     cameras = len(problem.cameras)
-    state = State(lens, Pose(np.tile(np.eye(3), (cameras, 1, 1)), np.zeros((cameras, 3))), poses)
     open_lens = np.array([not c.fixed for c in problem.cameras])
     free = np.zeros((cameras, 9), bool)
     free[:, 0] = free[:, 3] = open_lens
@@ -184,35 +201,56 @@ def _refine(problem: Problem, observations: Observations, lens: Array, poses: Po
     information[:, 0] = 1 / lens[:, 0] ** 2
     mean[:, 0] = lens[:, 0]
     freedom = Freedom(free, np.zeros(cameras, bool), np.ones(observations.nodes, bool), mean, information)
-    tables = layout(observations)
-    noise = max(robust_noise(observations, linearise(observations, state, _NO_LENS, 1.0, False).squares), LEAST_NOISE)
-    for steps in _MONO_STEPS:
-        found = adjust(observations, state, freedom, noise, True, steps, tables)
-        state, noise = found.state, max(robust_noise(observations, found.linearised.squares), LEAST_NOISE)
+    lengths = (lens[observations.camera, 0] * errors)[np.isfinite(errors)]
+    # A mean squared length is twice the variance of a coordinate.
+    noise = max(float(np.median(lengths)) / np.sqrt(2), LEAST_NOISE) if len(lengths) else _USUAL_NOISE
+    found = adjust(observations, _by_themselves(lens, poses), freedom, noise, True, _MONO_STEPS, tolerance=_ROUGH)
+    seen = max(robust_noise(observations, found.linearised.squares), LEAST_NOISE)
     # Every View spent six of its coordinates on its pose, every camera two on its lens: what is left shows less.
     coordinates, spent = 2 * observations.count, 6 * problem.shares.sum() + free.sum()
-    noise *= np.sqrt(coordinates / max(coordinates - spent, 0.1 * coordinates))
-    return state.lens, state.rig_from_rect, float(noise)
+    seen = float(seen * np.sqrt(coordinates / max(coordinates - spent, 0.1 * coordinates)))
+    covariance, cost = _own_doubt(observations, found, noise, seen)
+    return _Alone(found.state.lens, seen, found.state.rig_from_rect, covariance, cost)
 
 
-def _candidates(
-    problem: Problem, observations: Observations, lens: Array, first: Pose, twin: Pose, errors: Array, noise: float
-) -> Candidates:
+def _by_themselves(lens: Array, poses: Pose) -> State:
+    """Cameras (C,) that are each the rig frame, and poses camera_from_rect of all Views (V,)."""
+    cameras = len(lens)
+    return State(lens, Pose(np.tile(np.eye(3), (cameras, 1, 1)), np.zeros((cameras, 3))), poses)
+
+
+def _own_doubt(observations: Observations, found: Adjustment, fitted: float, noise: float) -> tuple[Array, Array]:
+    """Covariance (V, 6, 6) of each View's own pose for its lens, and its chi-square (V,), for a noise (px).
+
+    fitted: the noise that the adjustment took.
+    """
+    lens = len(found.columns)
+    own = found.linearised.gram[:, lens : lens + 6, lens : lens + 6] * (fitted / noise) ** 2
+    cost = np.full(len(own), np.inf)
+    for group, square in zip(observations.groups, found.linearised.squares, strict=True):
+        cost[group.view] = np.where(group.weights > 0, square * group.weights, 0.0).sum(axis=1) / noise**2
+    # A View of no information (all points behind) gets a doubt that no vote will count.
+    behind = (np.trace(own, axis1=-2, axis2=-1) == 0) | ~np.isfinite(cost)
+    return np.linalg.inv(own + 1e-9 * np.eye(6)), np.where(behind, np.inf, cost)
+
+
+def _candidates(problem: Problem, observations: Observations, alone: _Alone, twin: Pose, errors: Array) -> Candidates:
     """First candidates, twins that cannot be excluded, and the turned readings of both."""
     count = len(problem.views)
-    views = np.arange(count)
-    covariance, cost = _covariances(observations, lens, first, noise)
-    scale = lens[observations.camera, 0] / noise
+    views, none = np.arange(count), np.zeros(count, int)
+    scale = alone.lens[observations.camera, 0] / alone.noise
     # The closed form's own error says which twins are worth a refinement: it overstates their cost, if anything.
-    points = np.array([len(v.pixels) for v in problem.views])
+    points = np.zeros(count)
+    for group in observations.groups:
+        points[group.view] = (group.weights > 0).sum(axis=1)
     gap = points * scale**2 * (errors[:, 1] ** 2 - errors[:, 0] ** 2)
     weak = views[np.isfinite(errors[:, 1]) & (gap < 4 * _TWIN_COST)]
-    parts = [(views, np.zeros(count, int), first, covariance, np.zeros(count))]
+    parts = [(views, none, alone.camera_from_rect, alone.covariance, np.zeros(count))]
     if len(weak):
-        refined = _refined_twins(problem, observations, lens, twin, weak, noise)
-        twin_covariance, twin_cost = _covariances(observations, lens, refined, noise)
-        keep = weak[(twin_cost[weak] - cost[weak] < _TWIN_COST) & _differs(first, refined, covariance)[weak]]
-        parts.append((keep, np.zeros(len(keep), int), refined[keep], twin_covariance[keep], (twin_cost - cost)[keep]))
+        refined, covariance, cost = _refined_twins(observations, alone, twin, weak)
+        apart = _differs(alone.camera_from_rect[weak], refined[weak], alone.covariance[weak])
+        keep = weak[(cost[weak] - alone.cost[weak] < _TWIN_COST) & apart]
+        parts.append((keep, none[keep], refined[keep], covariance[keep], (cost - alone.cost)[keep]))
     parts += _turned(problem, parts)
     parts = [_in_node_frame(problem, part) for part in parts]
     view = np.concatenate([p[0] for p in parts])
@@ -235,27 +273,15 @@ def _candidates(
 _Part = tuple[Array, Array, Pose, Array, Array]
 
 
-def _covariances(observations: Observations, lens: Array, poses: Pose, noise: float) -> tuple[Array, Array]:
-    """Covariance (V, 6, 6) of each View's own pose for its lens, and its chi-square (V,)."""
-    cameras = len(lens)
-    state = State(lens, Pose(np.tile(np.eye(3), (cameras, 1, 1)), np.zeros((cameras, 3))), poses)
-    gram = linearise(observations, state, _NO_LENS, noise, False).gram
-    # A View of no information (all points behind) gets a doubt that no vote will count.
-    information = gram[:, :6, :6] + 1e-9 * np.eye(6)
-    behind = np.trace(gram[:, :6, :6], axis1=-2, axis2=-1) == 0
-    return np.linalg.inv(information), np.where(behind, np.inf, gram[:, -1, -1])
-
-
-def _refined_twins(
-    problem: Problem, observations: Observations, lens: Array, twin: Pose, weak: Array, noise: float
-) -> Pose:
-    cameras = len(problem.cameras)
-    still = np.zeros((cameras, 9))
+def _refined_twins(observations: Observations, alone: _Alone, twin: Pose, weak: Array) -> tuple[Pose, Array, Array]:
+    """Twins of the weak Views (indices) fitted, all with their covariance (V, 6, 6) and chi-square (V,)."""
+    still = np.zeros_like(alone.lens)
     chosen = np.zeros(observations.nodes, bool)
     chosen[weak] = True
-    freedom = Freedom(np.zeros((cameras, 9), bool), np.zeros(cameras, bool), chosen, still, still)
-    state = State(lens, Pose(np.tile(np.eye(3), (cameras, 1, 1)), np.zeros((cameras, 3))), twin)
-    return adjust(observations.only(chosen), state, freedom, noise, robust=True, most_steps=2).state.rig_from_rect
+    freedom = Freedom(still > 0, np.zeros(len(still), bool), chosen, still, still)
+    views = observations.only(chosen)
+    found = adjust(views, _by_themselves(alone.lens, twin), freedom, alone.noise, True, 2, tolerance=_ROUGH)
+    return found.state.rig_from_rect, *_own_doubt(views, found, alone.noise, alone.noise)
 
 
 def _differs(first: Pose, other: Pose, covariance: Array) -> Array:

@@ -202,15 +202,18 @@ def _fill_radial_tangential(
         x, y = points[0] * inverse_depth, points[1] * inverse_depth
     xx, yy, xy = x * x, y * y, x * y
     square = xx + yy
-    radial = 1 + square * (k1 + square * (k2 + square * k3))
-    slope = 2 * (k1 + square * (2 * k2 + square * (3 * k3)))
+    higher = k2 + square * k3 if np.any(k3) else k2
+    linear = k1 + square * higher
+    radial = 1 + square * linear
+    slope = 2 * (linear + square * (higher + square * k3 if np.any(k3) else higher))
     distorted_x, distorted_y = x * radial, y * radial
     x_by_x, y_by_y, mixed = radial + xx * slope, radial + yy * slope, xy * slope
-    power = square
-    for row in (by_distortion[0], by_distortion[1], by_distortion[4]):
-        if row is not None:
-            row[0], row[1] = (focal_x * power) * x, (focal_y * power) * y
-        power = power * square
+    if any(by_distortion[place] is not None for place in (0, 1, 4)):
+        power_x, power_y = focal_x * square * x, focal_y * square * y
+        for row in (by_distortion[0], by_distortion[1], by_distortion[4]):
+            if row is not None:
+                row[0], row[1] = power_x, power_y
+            power_x, power_y = power_x * square, power_y * square
     by_p1, by_p2 = by_distortion[2], by_distortion[3]
     if by_p1 is not None or by_p2 is not None or np.any(p1) or np.any(p2):
         tangential_x, tangential_y = square + 2 * xx, square + 2 * yy
@@ -222,11 +225,11 @@ def _fill_radial_tangential(
             by_p1[0], by_p1[1] = 2 * focal_x * xy, focal_y * tangential_y
         if by_p2 is not None:
             by_p2[0], by_p2[1] = focal_x * tangential_x, 2 * focal_y * xy
-    scale_x, scale_y = focal_x * inverse_depth, focal_y * inverse_depth
-    by_point[0, 0], by_point[1, 0] = scale_x * x_by_x, scale_x * mixed
-    by_point[0, 1], by_point[1, 1] = scale_y * mixed, scale_y * y_by_y
-    by_point[2, 0] = -scale_x * (x_by_x * x + mixed * y)
-    by_point[2, 1] = -scale_y * (mixed * x + y_by_y * y)
+    for side, (scale, by_x, by_y) in enumerate(((focal_x, x_by_x, mixed), (focal_y, mixed, y_by_y))):
+        scaled = scale * inverse_depth
+        across, down = scaled * by_x, scaled * by_y
+        by_point[0, side], by_point[1, side] = across, down
+        by_point[2, side] = -(across * x + down * y)
     return distorted_x, distorted_y
 
 
