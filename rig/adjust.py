@@ -136,7 +136,8 @@ def with_noise(
     shift[:, :-1, -1] = -by_view
     gram = np.swapaxes(shift, -1, -2) @ gram @ shift
     state = _stepped(observations, found.columns, found.state, None, steps, poses)
-    moved = replace(found, state=state, linearised=replace(found.linearised, gram=gram))
+    linearised = replace(found.linearised, gram=gram, cost=float(gram[:, -1, -1].sum()))
+    moved = replace(found, state=state, linearised=linearised)
     return replace(moved, normal=_normal(observations, moved, freedom, gram))
 
 
