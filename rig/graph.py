@@ -251,14 +251,19 @@ def _place_nodes(
     usable = connected[camera]
     left, right = _same_node_pairs(node)
     apart = _distance_rows(rig_from_node, rotation, translation, left, right)
-    agree = np.where((apart < _AGREES) & usable[left] & usable[right], np.exp(-0.5 * apart**2), 0.0)
-    # Each other View supports a candidate once, with the nearest of its own candidates.
+    likely = np.exp(-0.5 * apart**2 - 0.25 * candidates.cost[right])
+    agree = np.where((apart < _AGREES) & usable[left] & usable[right], likely, 0.0)
+    # Each other View supports a candidate once, with the likeliest of its own candidates.
     key = left * len(problem.views) + candidates.view[right]
     order = np.argsort(key, kind="stable")
     keys, starts = np.unique(key[order], return_index=True)
     largest = np.maximum.reduceat(agree[order], starts) if len(starts) else np.zeros(0)
-    support = np.zeros(len(node))
-    np.add.at(support, keys // len(problem.views), largest)
+    row, view = np.divmod(keys, len(problem.views))
+    own = problem.camera[view] == camera[row]
+    other_cameras = np.bincount(row[~own], largest[~own], len(node))
+    same_camera = np.bincount(row[own], largest[own], len(node))
+    # A camera sees the same twin again and again: all its other Views together say less than one of another camera.
+    support = other_cameras + 0.5 * same_camera / (1 + same_camera)
     score = np.where(usable, support - 1e-3 * candidates.cost - 1e-3 * np.minimum(rotation, 100.0), -np.inf)
     best = _best_by_key(score, node, len(problem.nodes))
     place = rig_from_node[best]
