@@ -1,6 +1,5 @@
 """Keeping the few framesets of a live stream that tell something new: their corners fitted, their faults named."""
 
-import time
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
@@ -8,11 +7,11 @@ from dataclasses import dataclass
 from quadrig.rig.capture_faults import (
     Fault,
     blur_fault,
-    edge_widths,
     exposure_fault,
     held_still_fault,
     not_static_fault,
 )
+from quadrig.rig.edge_width import view_edge_widths
 from quadrig.rig.novelty import FASTEST, Key, Places, displaced, news, outlines_of, speed
 from quadrig.single.rectangle import Rectangle
 from quadrig.single.rotation import Array
@@ -47,7 +46,9 @@ class Keeper:
         self._places = Places()
         self._before: tuple[int, dict[Key, Array]] = (0, {})
         self._pending: tuple[int, int, dict[Key, Array], list[Future]] | None = None
-        self._kept_at = self._news_at = time.monotonic()
+        # s, of the frames' own clock: files that are played quicker than they were taken tell the same story.
+        self._now: float | None = None
+        self._kept_at = self._news_at = 0.0
         self._faults: dict[tuple[str, str], tuple[float, Fault]] = {}
 
     def restore(self, views: Sequence[View]) -> None:
@@ -61,21 +62,24 @@ class Keeper:
         """Begin to keep a frameset where it is worth it and nothing else is being fitted."""
         outlines = outlines_of([view for search in searches for view in search.views], self._rectangles)
         before, self._before = self._before, (stamp, outlines)
+        now = stamp / 1e9
+        if self._now is None:
+            self._kept_at = self._news_at = now
+        self._now = now
         moving = {r.name for r in self._rectangles if r.moving}
         in_hand = {key: line for key, line in outlines.items() if key[1] in moving}
         fast = speed(before[1], in_hand, (stamp - before[0]) / 1e9, diagonals)
         fresh = news(outlines, self._places, diagonals)
-        now = time.monotonic()
         self._judge_stillness(bool(in_hand), bool(fresh), now)
         astray = displaced(outlines, self._places, self._rectangles, diagonals)
         if astray is not None:
-            self._blame(not_static_fault(astray[1], astray[0]), now)
+            self.blame(not_static_fault(astray[1], astray[0]))
         if not fresh or self._pending is not None:
             return
         hurried = now - self._kept_at > _HURRY
         if fast > (_HURRIED if hurried else FASTEST):
             if hurried:
-                self._blame(Fault("motion", "the sheet moves too fast; hold it still for a moment"), now)
+                self.blame(Fault("motion", "the sheet moves too fast; hold it still for a moment"))
             return
         # A static sheet seen again from where it was seen tells nothing; a moving one is wanted from all who see it.
         wanted = {key for key in outlines if key in fresh or key[1] in {k[1] for k in fresh} & moving}
@@ -96,12 +100,11 @@ class Keeper:
             good, bad = future.result()
             views += good
             faults += bad
-        now = time.monotonic()
         for fault in faults:
-            self._blame(fault, now)
+            self.blame(fault)
         if not views:
             return Kept(frameset, stamp, (), tuple(faults)) if faults else None
-        self._kept_at = self._news_at = now
+        self._kept_at = self._news_at = self._now or 0.0
         self._places = self._places.with_views(
             {key: line for key, line in outlines.items() if any((v.camera, v.rectangle) == key for v in views)}
         )
@@ -111,16 +114,13 @@ class Keeper:
 
     def fault(self) -> Fault | None:
         """The fault that is to be said now, the youngest first."""
-        now = time.monotonic()
-        self._faults = {k: entry for k, entry in self._faults.items() if now - entry[0] < _FAULT_SECONDS}
+        oldest = (self._now or 0.0) - _FAULT_SECONDS
+        self._faults = {k: entry for k, entry in self._faults.items() if entry[0] > oldest}
         return max(self._faults.values(), key=lambda entry: entry[0])[1] if self._faults else None
 
-    def _blame(self, fault: Fault, now: float) -> None:
-        self._faults[fault.kind, fault.camera] = (now, fault)
-
     def blame(self, fault: Fault) -> None:
-        """Say a fault that somebody else recognised."""
-        self._blame(fault, time.monotonic())
+        """Say a fault from now on, for a while."""
+        self._faults[fault.kind, fault.camera] = (self._now or 0.0, fault)
 
     def _judge_stillness(self, in_hand: bool, fresh: bool, now: float) -> None:
         if fresh or not in_hand:
@@ -128,19 +128,18 @@ class Keeper:
             self._faults.pop(("held still", ""), None)
         still = held_still_fault(now - self._news_at)
         if still is not None:
-            self._blame(still, now)
+            self.blame(still)
 
     def _fit(self, search: Search, wanted: set[Key]) -> tuple[list[View], list[Fault]]:
         """The Views of one camera that are wanted and good, and what is wrong with the others."""
-        good: list[View] = []
         faults: list[Fault] = []
-        for view in self._search.refine(
-            search, {rectangle for camera, rectangle in wanted if camera == search.camera}
-        ):
-            fault = exposure_fault(view.camera, search.grey, view)
-            fault = fault or blur_fault(view.camera, edge_widths(search.grey, view))
-            if fault is None:
-                good.append(view)
-            else:
-                faults.append(fault)
-        return good, faults
+        sound: set[str] = set()
+        for view in search.views:
+            if (view.camera, view.rectangle) in wanted:
+                fault = exposure_fault(view.camera, search.grey, view)
+                fault = fault or blur_fault(view.camera, view_edge_widths(search.grey, view))
+                if fault is None:
+                    sound.add(view.rectangle)
+                else:
+                    faults.append(fault)
+        return list(self._search.refine(search, sound)), faults

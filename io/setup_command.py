@@ -206,6 +206,8 @@ def _as_text(result: SetupResult, output: Path, plan: SetupPlan) -> str:
             f"± {millimetres(rig.position_sigma(camera.name))}, {camera.views} Views, rms {camera.rms:.2f} px"
         )
     lines += list(_missing(result, plan).values())
+    if result.fault is not None:
+        lines.append(result.fault.sentence)
     if result.dropped:
         lines.append(f"{result.dropped} frames were not recorded: the disk could not keep up")
     return "\n".join([*lines, f"{output}", f"{output.with_suffix('.html')}", f"{plan.recording}"])
@@ -227,6 +229,7 @@ def _as_json(result: SetupResult, output: Path, plan: SetupPlan) -> str:
             "working_accuracy_mm": 1000 * rig.working_accuracy,
             "cameras": [camera.name for camera in rig.cameras],
             "missing": _missing(result, plan),
+            "fault": result.fault.sentence if result.fault else None,
             "framesets": result.framesets,
             "kept": result.kept,
             "seconds": result.seconds,

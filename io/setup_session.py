@@ -12,15 +12,15 @@ import cv2
 import numpy as np
 
 from quadrig.rig.advice import Situation, advise, good_for
-from quadrig.rig.capture_faults import wrong_board_fault
+from quadrig.rig.capture_faults import Fault
 from quadrig.rig.coach import Coach
 from quadrig.rig.inputs import CameraInput
 from quadrig.rig.result import Rig
 from quadrig.single.errors import QuadrigError
 from quadrig.single.view import View
 
+from .blind import BlindCameras
 from .config import RigConfig
-from .foreign_tags import ForeignTags
 from .keeper import Keeper, Kept
 from .kept_views import encode_views, read_kept_views
 from .live_recorder import LiveRecorder
@@ -67,7 +67,10 @@ class SetupPlan:
 
 @dataclass(frozen=True, eq=False)
 class SetupResult:
-    """What a session came to. latencies: s, of each frameset from arrival to screen; ending: why it stopped."""
+    """What a session came to. latencies: s, of each frameset from arrival to screen; ending: why it stopped.
+
+    fault: what is wrong with the sheets, though there is a rig.
+    """
 
     rig: Rig | None
     trouble: str
@@ -79,6 +82,7 @@ class SetupResult:
     dropped: int = 0
     latencies: tuple[float, ...] = ()
     cameras: tuple[CameraInput, ...] = ()
+    fault: Fault | None = None
 
 
 @dataclass
@@ -114,7 +118,7 @@ class SetupSession:
         self._rectangles = plan.config.rectangles
         self._names = tuple(plan.sources)
         self._search = LiveSearch(self._rectangles)
-        self._foreign = ForeignTags(self._rectangles)
+        self._blind = BlindCameras(self._rectangles)
         self._coach = Coach()
         self._solution: Solution | None = None
         self._sizes: dict[str, tuple[int, int]] = {}
@@ -190,8 +194,7 @@ class SetupSession:
             self._sizes[search.camera] = (width, height)
         diagonals = {name: float(np.hypot(*size)) for name, size in self._sizes.items()}
         self._keeper.consider(index, frameset.stamp, whole, diagonals)
-        found = self._foreign.look(whole)
-        fault = wrong_board_fault(found, self._rectangles) if found else None
+        fault = self._blind.look(whole, frameset.stamp / 1e9)
         if fault is not None:
             self._keeper.blame(fault)
         self._framesets += 1
@@ -320,10 +323,10 @@ class SetupSession:
 
     def _result(self, ending: str, seconds: float) -> SetupResult:
         views = tuple(self._keeper.views)
-        rig, trouble = None, "nothing was seen: no camera gave a picture; look at the sources"
+        rig, trouble, fault = None, "nothing was seen: no camera gave a picture; look at the sources", None
         if self._sizes:
             solution = solve(self._job(live=False))
-            rig, trouble = solution.rig, solution.trouble
+            rig, trouble, fault = solution.rig, solution.trouble, solution.fault
         return SetupResult(
             rig,
             trouble,
@@ -335,4 +338,5 @@ class SetupSession:
             self._recorder.dropped,
             tuple(self._shown.latencies),
             self._inputs(),
+            fault,
         )

@@ -6,14 +6,14 @@ from typing import Literal
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from quadrig.single.dictionaries import canonical_dictionary
 from quadrig.single.rectangle import CharucoMarking, PlainMarking, Rectangle, TagMarking
 from quadrig.single.rotation import Array
 from quadrig.single.view import View
 
-Picture = NDArray[np.uint8]
+from .edge_width import EdgeWidths, Picture, edge_widths
+
 FaultKind = Literal[
     "blur", "motion", "too bright", "too dark", "held still", "wrong board", "wrong scale", "not static"
 ]
@@ -30,10 +30,11 @@ _DARK = 45
 _BLUR_SIGMA = 2.5
 # Motion smears the edges across it and not those along it; optics smear all alike within this ratio.
 _SMEAR_RATIO = 1.8
-# Profiles reach this far (px) to both sides of an edge, and no farther than this part of the sheet's extent across
-# it: the cells of a tag are an eighth of it, and the second next edge rises like the outer one. Shorter profiles
-# than the last cannot show a sigma of 2.5.
-_FARTHEST_PROFILE, _PROFILE_SHARE, _SHORTEST_PROFILE = 9.0, 0.15, 6.0
+# Where nothing was found: width (sigma, px of a picture at half size) of the sharpest edges beyond which no usual tag
+# is, and the grey levels that something that moved changed by. Pictures of webcams show 0.0 to 0.2.
+_LOST_SIGMA, _MOVED = 1.0, 20
+# Part of the picture that moves when a sheet does; above the last the camera itself, or the light, does.
+_LEAST_MOVED, _MOST_MOVED = 0.003, 0.6
 
 
 @dataclass(frozen=True)
@@ -43,14 +44,6 @@ class Fault:
     kind: FaultKind
     sentence: str
     camera: str = ""
-
-
-@dataclass(frozen=True)
-class EdgeWidths:
-    """Width of the edges round a View as Gaussian sigmas, px: of the sharpest and of the most smeared direction."""
-
-    sharpest: float
-    widest: float
 
 
 def exposure_fault(camera: str, grey: Picture, view: View) -> Fault | None:
@@ -74,25 +67,30 @@ def blur_fault(camera: str, widths: EdgeWidths) -> Fault | None:
         return None
     if widths.widest > _SMEAR_RATIO * widths.sharpest:
         return Fault("motion", f"{camera}: the sheet moves too fast; hold it still for a moment", camera)
-    return Fault("blur", f"{camera}: the picture is out of focus; focus the lens on where the sheet is", camera)
+    return _out_of_focus(camera)
 
 
-def edge_widths(grey: Picture, view: View, samples: int = 12) -> EdgeWidths:
-    """Widths of the straight edges between neighbouring corners of a View, nan where none is found.
+def unreadable_fault(camera: str, half: Picture, before: Picture) -> Fault | None:
+    """Why nothing is found in a picture: no light or too much, what moves in it is smeared, no edge in it is sharp.
 
-    A profile across an edge is a step smeared by a Gaussian: the second moment of its slope is the sigma squared.
-    Profiles are averaged in directions of 45 degrees, so that a smear shows as a direction that is wider.
+    half, before: (H, W), the picture at half size and the one before it.
     """
-    corners = outer_corners(view)
-    area = abs(float(cv2.contourArea(corners.astype(np.float32))))
-    profiles = [_edge_profiles(grey, corners[k], corners[(k + 1) % 4], samples, area) for k in range(4)]
-    kept = [(angle, sigma) for angle, sigmas in profiles for sigma in sigmas if np.isfinite(sigma)]
-    if len(kept) < 4:
-        return EdgeWidths(float("nan"), float("nan"))
-    sector = np.array([round(angle / (np.pi / 4)) % 4 for angle, _ in kept])
-    sigma = np.array([s for _, s in kept])
-    medians = [float(np.median(sigma[sector == k])) for k in range(4) if np.count_nonzero(sector == k) >= 4]
-    return EdgeWidths(min(medians), max(medians)) if medians else EdgeWidths(float("nan"), float("nan"))
+    if np.mean(half >= _CLIPPED) > _CLIPPED_SHARE:
+        return Fault(
+            "too bright", f"{camera}: the picture is over-exposed; dim the light or shorten the exposure", camera
+        )
+    if np.percentile(half, 95) < _DARK:
+        return Fault("too dark", f"{camera}: the picture is dark; uncover the lens, or add light", camera)
+    moved = cv2.dilate((cv2.absdiff(half, before) > _MOVED).astype(np.uint8), np.ones((9, 9), np.uint8)) > 0
+    if _LEAST_MOVED < np.mean(moved) < _MOST_MOVED:
+        widths = edge_widths(half, moved)
+        if widths.widest > max(_LOST_SIGMA, _SMEAR_RATIO * widths.sharpest):
+            return Fault("motion", f"{camera}: what moves is smeared; hold the sheet still for a moment", camera)
+    return _out_of_focus(camera) if edge_widths(half).tenth > _LOST_SIGMA else None
+
+
+def _out_of_focus(camera: str) -> Fault:
+    return Fault("blur", f"{camera}: the picture is out of focus; focus the lens on where the sheet is", camera)
 
 
 def outer_corners(view: View) -> Array:
@@ -100,35 +98,6 @@ def outer_corners(view: View) -> Array:
     directions = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]], float)
     centred = view.points[:, :2] - view.points[:, :2].mean(0)
     return view.pixels[np.argmax(centred @ directions.T, axis=0)]
-
-
-def _edge_profiles(grey: Picture, start: Array, end: Array, samples: int, area: float) -> tuple[float, list[float]]:
-    """Direction across the edge (rad, in [0, pi)) and each profile's sigma; none where the sheet is too small."""
-    along = end - start
-    length = float(np.linalg.norm(along))
-    reach = min(_FARTHEST_PROFILE, _PROFILE_SHARE * area / max(length, 1.0))
-    if reach < _SHORTEST_PROFILE:
-        return 0.0, []
-    across = np.array([-along[1], along[0]]) / length
-    offsets = np.arange(-reach, reach + 0.25, 0.5)
-    middles = start + along * np.linspace(0.15, 0.85, samples)[:, None]
-    places = (middles[:, None] + across * offsets[:, None]).astype(np.float32)
-    values = cv2.remap(grey, places[..., 0], places[..., 1], cv2.INTER_LINEAR).astype(float)
-    return float(np.arctan2(across[1], across[0]) % np.pi), [_step_width(v, offsets) for v in values]
-
-
-def _step_width(values: Array, offsets: Array) -> float:
-    """Sigma of a smeared step, nan where the profile holds no single step."""
-    slope = np.gradient(values, offsets)
-    sign = np.sign(slope[np.argmax(np.abs(slope))])
-    slope = np.maximum(sign * slope, 0)
-    # The flanks of neighbouring edges and noise lie below a tenth of the peak.
-    slope = np.where(slope > 0.1 * slope.max(), slope, 0)
-    total, height = slope.sum(), np.ptp(values)
-    if height < 30 or total <= 0:
-        return float("nan")
-    middle = (slope * offsets).sum() / total
-    return float(np.sqrt((slope * (offsets - middle) ** 2).sum() / total))
 
 
 def _inside(grey: Picture, view: View) -> Array:

@@ -6,6 +6,8 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Sequence
+from functools import lru_cache
 from pathlib import Path
 
 import cv2
@@ -14,7 +16,6 @@ import pytest
 
 from quadrig.io.commands import run
 from quadrig.io.config import parse_config
-from quadrig.io.foreign_tags import ForeignTags
 from quadrig.io.frame import Frame
 from quadrig.io.kept_views import encode_views, read_kept_views
 from quadrig.io.live_recorder import LiveRecorder
@@ -24,14 +25,15 @@ from quadrig.io.recording import open_recording
 from quadrig.io.rerun_live import RerunScreen, Viewer, shared_counts
 from quadrig.io.rig_file import read_rig
 from quadrig.io.setup_command import chosen_sources, length
+from quadrig.io.setup_session import SetupPlan, SetupSession
 from quadrig.io.setup_state import SetupState
-from quadrig.rig.capture_faults import wrong_board_fault
+from quadrig.io.source_readers import parse_source
 from quadrig.single.detect import detect
 from quadrig.single.errors import QuadrigError
 from quadrig.single.lens import Intrinsics
 from quadrig.single.pose import Pose
 from quadrig.single.rectangle import CharucoMarking, Rectangle, TagMarking
-from quadrig.single.render import Sheet, render
+from quadrig.single.render import RayGrid, Sheet, ray_grid, render
 from quadrig.single.rotation import rotation_from_vector
 from quadrig.single.view import View
 
@@ -57,6 +59,24 @@ CAMERAS = [
 ]
 
 
+@lru_cache
+def grid(camera: int) -> RayGrid:
+    """The rays of a camera: most of the work of a picture."""
+    return ray_grid(LENSES[camera])
+
+
+def backdrop_with_shapes() -> np.ndarray:
+    """A wall with dark and light boxes: edges as every room has them, (H, W) float."""
+    wall = np.full((HEIGHT, WIDTH), 0.4, np.float32)
+    for x, y, light in np.random.default_rng(1).uniform(0, 1, (14, 3)):
+        left, top = int(x * WIDTH), int(y * HEIGHT)
+        wall[top : top + 50, left : left + 70] = 0.1 + 0.5 * light
+    return wall
+
+
+BACKDROP = backdrop_with_shapes()
+
+
 def held_poses() -> list[Pose]:
     rng = np.random.default_rng(3)
     middle = np.array([0.0, 0.05, 1.5])
@@ -71,7 +91,7 @@ def held_poses() -> list[Pose]:
 
 def picture(camera: int, pose: Pose, rectangle: Rectangle = TAG) -> np.ndarray:
     sheet = Sheet(rectangle, pose)
-    return render(LENSES[camera], CAMERAS[camera].inverse(), [sheet], samples=2, blur=0.6, noise=1.5, colour=False)
+    return render(grid(camera), CAMERAS[camera].inverse(), [sheet], samples=2, blur=0.6, noise=1.5, colour=False)
 
 
 @pytest.fixture(scope="module")
@@ -204,17 +224,110 @@ def test_search_finds_what_a_full_search_finds():
             np.testing.assert_allclose(exact[view.rectangle].pixels, view.pixels, atol=0.05)
 
 
-def test_a_sheet_that_rig_toml_does_not_name_is_noticed(monkeypatch):
+def said_of(tmp_path, pictures: Sequence[Sequence[np.ndarray]], config: str = CONFIG) -> list[str]:
+    """The faults that a session names, at last that of its result; pictures (camera, moment), ten a second."""
+    sources = {}
+    for camera, moments in enumerate(pictures):
+        folder = tmp_path / f"cam{camera}"
+        folder.mkdir()
+        for moment, grey in enumerate(moments):
+            cv2.imwrite(str(folder / f"{moment:03}.png"), grey)
+        sources[folder.name] = parse_source(str(folder))
+    screen = Heard()
+    result = SetupSession(
+        SetupPlan(parse_config(config), sources, tmp_path / "r.mcap", pace="consumed"), [screen], str
+    ).run()
+    return [*screen.sentences, *([result.fault.sentence] if result.fault else [])]
+
+
+class Heard:
+    """A screen that keeps what was said."""
+
+    def __init__(self) -> None:
+        self.sentences: list[str] = []
+
+    def show(self, state: SetupState) -> None:
+        if state.fault:
+            self.sentences.append(state.sentence)
+
+    def close(self) -> None:
+        pass
+
+
+def shown(camera: int, pose: Pose, rectangle: Rectangle = TAG, motion=None, **options) -> np.ndarray:
+    """A picture of a sheet before a backdrop with shapes in it."""
+    sheets = [Sheet(rectangle, pose, motion=motion)]
+    options = {"blur": 0.6, "noise": 1.5, **options}
+    return render(
+        grid(camera), CAMERAS[camera].inverse(), sheets, samples=2, colour=False, background=BACKDROP, **options
+    )
+
+
+FACING = Pose(rotation_from_vector(np.array([0.2, -0.2, 0.0])), np.array([0.0, 0.05, 1.5]))
+
+
+def moved(metres: float, pose: Pose = FACING) -> Pose:
+    return Pose(pose.rotation, pose.translation + np.array([metres, 0, 0]))
+
+
+def heard(sentences: Sequence[str], words: str) -> bool:
+    return any(words in sentence for sentence in sentences)
+
+
+def test_nothing_is_blamed_for_a_sheet_that_is_shown_well(tmp_path):
+    pictures = [grey for pose in held_poses()[:5] for grey in [shown(0, pose)] * 2]
+    assert said_of(tmp_path, [pictures]) == []
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"blur": 3.0}, "cam0: the picture is out of focus"),
+        ({"exposure": 2.6}, "cam0: the sheet is over-exposed"),
+        ({"exposure": 40.0}, "cam0: the picture is over-exposed"),
+        ({"exposure": 0.03}, "cam0: the picture is dark"),
+    ],
+)
+def test_blur_and_exposure_are_said_in_a_session(tmp_path, options, words):
+    assert heard(said_of(tmp_path, [[shown(0, FACING, **options)] * 18]), words)
+
+
+@pytest.mark.parametrize(
+    ("per_exposure", "words"), [(0.04, "the sheet moves too fast"), (0.08, "what moves is smeared")]
+)
+def test_motion_is_said_in_a_session(tmp_path, per_exposure, words):
+    motion = np.array([0, 0, 0, per_exposure, 0, 0])
+    pictures = [shown(0, moved(0.1 * (-1) ** k), motion=motion) for k in range(2)]
+    assert heard(said_of(tmp_path, [pictures * 12]), words)
+
+
+def test_a_sheet_held_still_is_said_in_a_session(tmp_path):
+    pictures = [shown(0, FACING), shown(0, moved(0.002))]
+    assert heard(said_of(tmp_path, [pictures * 24]), "seen like this already; move it")
+
+
+def test_a_sheet_that_rig_toml_does_not_name_is_said_in_a_session(tmp_path):
     other = Rectangle("other", 0.24, 0.24, TagMarking("apriltag_36h11", 9))
-    frame = Frame("cam0", 0, 0.0, picture=picture(0, Pose(np.eye(3), np.array([0, 0, 1.0])), other))
-    search, foreign = LiveSearch([TAG]).search(frame, 0), ForeignTags([TAG])
-    monkeypatch.setattr("quadrig.io.foreign_tags._EVERY", 0.0)
-    found = {}
-    for _ in range(4):
-        found = found or foreign.look([search])
-    fault = wrong_board_fault(found, [TAG])
-    assert fault is not None
-    assert "cam0 sees tag 9 of apriltag_36h11, which rig.toml does not name" in fault.sentence
+    said = said_of(tmp_path, [[shown(0, FACING, other)] * 18])
+    assert heard(said, "cam0 sees tag 9 of apriltag_36h11, which rig.toml does not name")
+
+
+def test_a_sheet_printed_at_the_wrong_scale_is_said_in_a_session(tmp_path):
+    second = CONFIG.split("[[rectangle]]")[1].replace('"sheet"', '"small"').replace("id = 5", "id = 6")
+    config = f"{CONFIG}[[rectangle]]{second}"
+    # Printed at 96 %: "fit to page".
+    small = Rectangle("small", 0.2304, 0.2304, TagMarking("apriltag_36h11", 6))
+    poses = held_poses()
+    pictures = []
+    for camera in range(3):
+        pictures.append([])
+        for pose, other in zip(poses[:6], poses[3:], strict=True):
+            sheets = [Sheet(TAG, moved(-0.17, pose)), Sheet(small, moved(0.17, other))]
+            frame = CAMERAS[camera].inverse()
+            pictures[-1] += [render(grid(camera), frame, sheets, samples=2, blur=0.6, noise=1.5, colour=False)] * 2
+    said = said_of(tmp_path, pictures, config)
+    assert heard(said, "small is ")
+    assert heard(said, "% smaller than its size in rig.toml says")
 
 
 def test_kept_views_come_back_to_the_last_bit(tmp_path):

@@ -6,12 +6,12 @@ import pytest
 
 from quadrig.rig.capture_faults import (
     blur_fault,
-    edge_widths,
     exposure_fault,
     held_still_fault,
     not_static_fault,
     wrong_board_fault,
 )
+from quadrig.rig.edge_width import view_edge_widths
 from quadrig.rig.novelty import Places, displaced, news, outlines_of, speed
 from quadrig.rig.printed_scale import relative_scales, scale_fault
 from quadrig.rig.result import Camera, PlacedRectangle, Rig, ViewFit
@@ -44,12 +44,12 @@ def picture_of(pose=None, motion=None, **options):
 def test_a_good_picture_has_no_fault():
     grey, view = picture_of(blur=0.7), view_of(pose_of())
     assert exposure_fault("cam0", grey, view) is None
-    assert blur_fault("cam0", edge_widths(grey, view)) is None
+    assert blur_fault("cam0", view_edge_widths(grey, view)) is None
 
 
 @pytest.mark.parametrize("sigma", [0.8, 1.5, 3.0])
 def test_edge_widths_are_the_blur_that_was_put_in(sigma):
-    widths = edge_widths(
+    widths = view_edge_widths(
         picture_of(pose_of(place=(0.02, -0.01, 0.4)), blur=sigma), view_of(pose_of(place=(0.02, -0.01, 0.4)))
     )
     # The pixel itself adds a box of sigma 0.29 and bilinear profiles as much again; the flanks below a tenth are cut.
@@ -57,7 +57,7 @@ def test_edge_widths_are_the_blur_that_was_put_in(sigma):
 
 
 def test_defocus_is_called_focus():
-    fault = blur_fault("cam0", edge_widths(picture_of(blur=3.5), view_of(pose_of())))
+    fault = blur_fault("cam0", view_edge_widths(picture_of(blur=3.5), view_of(pose_of())))
     assert fault is not None
     assert fault.kind == "blur"
     assert fault.sentence.startswith("cam0: the picture is out of focus")
@@ -67,7 +67,7 @@ def test_a_moving_sheet_is_called_motion():
     pose = pose_of(turn=(0.0, 0.0, 0.0), place=(0, 0, 0.5))
     # 16 px along x during the exposure.
     motion = np.array([0, 0, 0, 0.016, 0, 0])
-    fault = blur_fault("cam0", edge_widths(picture_of(pose, motion=motion, blur=0.6), view_of(pose)))
+    fault = blur_fault("cam0", view_edge_widths(picture_of(pose, motion=motion, blur=0.6), view_of(pose)))
     assert fault is not None
     assert fault.kind == "motion"
     assert "hold it still" in fault.sentence
@@ -233,7 +233,7 @@ def test_sigma_of_the_scale_covers_its_error():
 
 def test_views_of_other_shapes_do_no_harm():
     far = view_of(pose_of(place=(0, 0, 6.0)))
-    widths = edge_widths(np.zeros((360, 640), np.uint8), far)
+    widths = view_edge_widths(np.zeros((360, 640), np.uint8), far)
     assert blur_fault("cam0", widths) is None
     outside = View("tag", TAG.corners, view_of(pose_of()).pixels + 5000, "cam0")
     assert exposure_fault("cam0", cv2.resize(picture_of(), (640, 360)), outside) is None
