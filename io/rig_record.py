@@ -11,7 +11,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from quadrig.rig.result import Camera, Edge, PlacedRectangle, Rig, ViewFit
+from quadrig.rig.result import Camera, PlacedRectangle, Rig, ViewFit
 from quadrig.single.errors import QuadrigError
 from quadrig.single.lens import Intrinsics, LensModel
 from quadrig.single.pose import Pose
@@ -75,19 +75,6 @@ class RectangleRecord(msgspec.Struct):
     framesets: list[int]
 
 
-class EdgeRecord(msgspec.Struct):
-    """An Edge of the pose graph."""
-
-    camera: str
-    rectangle: str
-    frameset: int
-    rotation_error: Number
-    translation_error: Number
-    sigmas: Number
-    information: Number
-    rejected: bool
-
-
 class RigRecord(msgspec.Struct):
     """A Rig without its Views. times: ns since 1970 of each frameset, by index, where the recording had them."""
 
@@ -96,7 +83,6 @@ class RigRecord(msgspec.Struct):
     cameras: list[CameraRecord]
     rectangles: list[RectangleRecord]
     covariance: list
-    edges: list[EdgeRecord]
     noise: Number
     rms: Number
     left_out_rms: Number
@@ -133,7 +119,6 @@ def encode_rig(rig: Rig, times: tuple[int, ...] = ()) -> bytes:
             cameras=[_camera_record(camera) for camera in rig.cameras],
             rectangles=[_rectangle_record(placed) for placed in rig.rectangles],
             covariance=_listed(rig.covariance),
-            edges=[_edge_record(edge) for edge in rig.edges],
             noise=_number(rig.noise),
             rms=_number(rig.rms),
             left_out_rms=_number(rig.left_out_rms),
@@ -183,7 +168,6 @@ def decode_rig(record: bytes, fits: tuple[ViewFit, ...] = ()) -> tuple[Rig, tupl
         rectangles=tuple(_placed_rectangle(rectangle) for rectangle in held.rectangles),
         covariance=_array(held.covariance),
         fits=fits,
-        edges=tuple(_edge(edge) for edge in held.edges),
         noise=_float(held.noise),
         rms=_float(held.rms),
         left_out_rms=_float(held.left_out_rms),
@@ -293,32 +277,6 @@ def _marking(held: dict[str, Any]) -> Marking:
         if held.get("kind") == kind.kind:
             return msgspec.convert(held, type=kind)
     raise QuadrigError(f"the rig record has a marking of kind {held.get('kind')!r}; upgrade quadrig")
-
-
-def _edge_record(edge: Edge) -> EdgeRecord:
-    return EdgeRecord(
-        camera=edge.camera,
-        rectangle=edge.rectangle,
-        frameset=int(edge.frameset),
-        rotation_error=_number(edge.rotation_error),
-        translation_error=_number(edge.translation_error),
-        sigmas=_number(edge.sigmas),
-        information=_number(edge.information),
-        rejected=bool(edge.rejected),
-    )
-
-
-def _edge(held: EdgeRecord) -> Edge:
-    return Edge(
-        held.camera,
-        held.rectangle,
-        held.frameset,
-        _float(held.rotation_error),
-        _float(held.translation_error),
-        _float(held.sigmas),
-        _float(held.information),
-        held.rejected,
-    )
 
 
 def _number(value: float) -> Number:

@@ -12,8 +12,7 @@ from .inputs import CameraInput
 from .joint import Joint
 from .normal_equations import LENS
 from .problem import Problem
-from .result import CAMERA_PARAMETERS, Camera, Edge, PlacedRectangle, ViewFit
-from .start import Candidates
+from .result import CAMERA_PARAMETERS, Camera, PlacedRectangle, ViewFit
 
 # Sigma of a focal, as a share of it, beyond which the Views cannot be said to tell it.
 _UNKNOWN_FOCAL = 0.2
@@ -171,33 +170,6 @@ def _shift(problem: Problem, index: int, joint: Joint) -> int:
         if (error < 10 * joint.noise * problem.sigmas[index]).all():
             return shift
     return 0
-
-
-def edges_of(problem: Problem, joint: Joint, candidates: Candidates) -> tuple[Edge, ...]:
-    """What each View said by itself against what the rig says, in the View's own uncertainty."""
-    chained = joint.predicted.camera_from_rect(joint.observations)
-    step = candidates.camera_from_node.step_to(chained[candidates.view])
-    information = np.linalg.inv(candidates.covariance)
-    distance = np.sqrt(np.maximum(np.einsum("ki,kij,kj->k", step, information, step), 0) / 6)
-    order = np.lexsort((distance, candidates.view))
-    _, first = np.unique(candidates.view[order], return_index=True)
-    edges = []
-    for row in order[first]:
-        index = int(candidates.view[row])
-        view = problem.views[index]
-        edges.append(
-            Edge(
-                view.camera,
-                view.rectangle,
-                view.frameset,
-                float(np.linalg.norm(step[row, :3])),
-                float(np.linalg.norm(step[row, 3:])),
-                float(distance[row]),
-                float(np.trace(information[row, 3:, 3:])),
-                bool(joint.judged.rejected[index]),
-            )
-        )
-    return tuple(edges)
 
 
 def with_figures(

@@ -10,7 +10,7 @@ from quadrig.single.rectangle import Rectangle
 from quadrig.single.rotation import Array
 from quadrig.single.view import View
 
-from .assemble import camera_covariance, cameras_of, edges_of, fits_of, rectangles_of, rms_of, with_figures
+from .assemble import camera_covariance, cameras_of, fits_of, rectangles_of, rms_of, with_figures
 from .connectivity import missing_cameras, refuse
 from .graph import FirstRig, components, first_rig
 from .inputs import CameraInput
@@ -18,7 +18,7 @@ from .joint import Contradicted, Joint, solve_jointly
 from .left_out import left_out_squares
 from .problem import Problem, build_problem
 from .result import Rig
-from .start import Start, start
+from .start import start
 from .weaknesses import weaknesses
 from .working_accuracy import covered_points, working_accuracy
 
@@ -71,7 +71,7 @@ def _solve(whole: Problem, kept: list[int], cameras: Sequence[CameraInput], refe
     standing = np.arange(len(problem.cameras)) == (anchor if node is None else -1)
     joint = solve_jointly(problem, begin, first, standing, node)
     order = [c.name for c in cameras]
-    return assemble_rig(problem, joint, begin, first, camera_covariance(joint), name, missing, order)
+    return assemble_rig(problem, joint, first, camera_covariance(joint), name, missing, order)
 
 
 def _largest(problem: Problem, reference: str | None) -> list[int]:
@@ -138,7 +138,6 @@ def _in_node_frame(first: FirstRig, node: int) -> FirstRig:
 def assemble_rig(
     problem: Problem,
     joint: Joint,
-    begin: Start,
     first: FirstRig,
     covariance: Array,
     reference: str,
@@ -158,7 +157,6 @@ def assemble_rig(
         rectangles,
         _reordered(covariance, place),
         fits,
-        edges_of(problem, joint, begin.candidates),
         joint.noise,
         rms_of(fits),
         left_out,

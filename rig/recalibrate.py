@@ -51,7 +51,7 @@ def recalibrate(
     joint = solve_jointly(problem, begin, first, standing)
     order = [camera.name for camera in rig.cameras if camera.name in {c.name for c in problem.cameras}]
     covariance = _passed_on(problem, joint, rig, standing)
-    solved = assemble_rig(problem, joint, begin, first, covariance, rig.reference, {}, order)
+    solved = assemble_rig(problem, joint, first, covariance, rig.reference, {}, order)
     return _with_absent(rig, solved, moved)
 
 

@@ -71,24 +71,6 @@ class ViewFit:
 
 
 @dataclass(frozen=True, eq=False)
-class Edge:
-    """One edge of the pose graph: what a View said by itself of camera and rectangle, against the rig.
-
-    rotation_error (rad) and translation_error (m) of camera_from_rect; sigmas: the same as a multiple of its own
-    uncertainty (square root of the Mahalanobis distance over its six degrees of freedom).
-    """
-
-    camera: str
-    rectangle: str
-    frameset: int
-    rotation_error: float
-    translation_error: float
-    sigmas: float
-    information: float
-    rejected: bool = False
-
-
-@dataclass(frozen=True, eq=False)
 class Rig:
     """The result of a calibration. Everything is in the rig frame: that of `reference`, a camera or a rectangle.
 
@@ -106,7 +88,6 @@ class Rig:
     rectangles: tuple[PlacedRectangle, ...]
     covariance: Array
     fits: tuple[ViewFit, ...] = ()
-    edges: tuple[Edge, ...] = ()
     noise: float = float("nan")
     rms: float = float("nan")
     left_out_rms: float = float("nan")

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from quadrig.rig.result import Camera, Edge, PlacedRectangle, Rig, ViewFit
+from quadrig.rig.result import Camera, PlacedRectangle, Rig, ViewFit
 from quadrig.single.lens import Intrinsics
 from quadrig.single.pose import Pose
 from quadrig.single.rectangle import CharucoMarking, Rectangle, TagMarking, board_points
@@ -141,13 +141,11 @@ def _rig(cameras, rectangles, covariance, views) -> Rig:
         placed.append(replace(rectangle, covariance=np.array(blocks) if rectangle.rectangle.moving else blocks[0]))
         at += 6 * count
     residuals = np.concatenate([view.pixels for view in views]) - predict(cameras, rectangles, views)
-    fits, edges, row = [], [], 0
+    fits, row = [], 0
     for view in views:
         own = residuals[row : row + len(view.points)]
         row += len(view.points)
         fits.append(ViewFit(view, own, np.ones(len(own), bool)))
-        edges.append(Edge(view.camera, view.rectangle, view.frameset, 0.004, 0.003, 1.1, 1e4 * len(own)))
-    edges[3] = replace(edges[3], sigmas=7.5, rotation_error=0.2, translation_error=0.05)
     rms = float(np.sqrt(np.mean(residuals**2) * 2))
     cameras = tuple(
         replace(camera, rms=rms, left_out_rms=1.1 * rms, views=sum(view.camera == camera.name for view in views))
@@ -159,7 +157,6 @@ def _rig(cameras, rectangles, covariance, views) -> Rig:
         rectangles=tuple(placed),
         covariance=joint,
         fits=tuple(fits),
-        edges=tuple(edges),
         noise=NOISE,
         rms=rms,
         left_out_rms=1.1 * rms,

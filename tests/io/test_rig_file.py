@@ -48,9 +48,7 @@ def test_the_record_comes_back_to_the_last_bit(rig_path, example_rig, example_co
 def test_nan_and_infinity_survive(example_rig, tmp_path):
     fit = example_rig.fits[0]
     broken = replace(fit, residuals=np.full_like(fit.residuals, np.nan), rejected="a mirror twin")
-    rig = replace(
-        example_rig, fits=(broken,), edges=(replace(example_rig.edges[0], sigmas=float("inf")),), rms=float("nan")
-    )
+    rig = replace(example_rig, fits=(broken,), costs=(float("inf"), 1.0), rms=float("nan"))
     write_rig(tmp_path / "rig.mcap", rig)
     assert_same(read_rig(tmp_path / "rig.mcap"), rig)
 
