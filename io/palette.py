@@ -1,4 +1,4 @@
-"""Colours that mean the same in every picture we draw, readable on dark and on light grounds."""
+"""Colours that mean the same in every picture we draw, of middle tones that read on dark and on light grounds."""
 
 from collections.abc import Sequence
 
@@ -8,13 +8,14 @@ Colour = tuple[int, int, int]
 
 # Told apart by eye and by most who see few colours (after Okabe and Ito).
 _CAMERAS: tuple[Colour, ...] = (
-    (230, 159, 0), (86, 180, 233), (0, 158, 115), (204, 121, 167), (213, 94, 0), (0, 114, 178), (170, 160, 40),
+    (205, 125, 0), (40, 145, 205), (0, 158, 115), (200, 95, 155), (213, 94, 0), (0, 114, 178), (145, 135, 20),
     (150, 110, 220),
 )  # fmt: skip
-STATIC: Colour = (150, 150, 165)
-MOVING: Colour = (130, 190, 120)
-FOUND: Colour = (60, 200, 90)
-PREDICTED: Colour = (240, 120, 30)
+STATIC: Colour = (128, 128, 145)
+MOVING: Colour = (90, 150, 70)
+MOVED: Colour = (125, 145, 118)
+FOUND: Colour = (40, 160, 70)
+PREDICTED: Colour = (228, 96, 16)
 FAULT: Colour = (225, 45, 45)
 FINE: Colour = (120, 135, 150)
 

@@ -9,9 +9,6 @@ from quadrig.rig.result import Rig
 from .rerun_rig import arrow_scale
 from .rig_geometry import bounds, extent, first_eye, positions
 
-# In every view: dark enough for mid-tone colours in the light theme of the viewer too.
-_GROUND = (22, 24, 30)
-
 
 def rig_blueprint(rig: Rig) -> Any:
     """A rerun.blueprint.Blueprint for what rerun_rig.log_rig logs."""
@@ -22,7 +19,6 @@ def rig_blueprint(rig: Rig) -> Any:
         rrb.Spatial2DView(
             origin=f"field/{camera.name}",
             name=f"{camera.name}: residuals x{arrow_scale(rig, camera):.0f}, coverage",
-            background=_GROUND,
         )
         for camera in rig.cameras
     ]
@@ -31,8 +27,8 @@ def rig_blueprint(rig: Rig) -> Any:
         rrb.BarChartView(origin=f"histogram/{camera.name}", name=f"{camera.name}: px", plot_legend=quiet)
         for camera in rig.cameras
     ]
-    graph = rrb.Spatial2DView(origin="graph", name="who saw what", background=_GROUND)
-    steps = rrb.BarChartView(origin="steps", name="adjustment: log10 cost by step", plot_legend=quiet)
+    graph = rrb.Spatial2DView(origin="graph", name="who saw what")
+    steps = rrb.BarChartView(origin="steps", name="steps: log10 of cost", plot_legend=quiet)
     verdict = rrb.TextDocumentView(origin="verdict", name="verdict")
     return rrb.Blueprint(
         rrb.Horizontal(
@@ -62,7 +58,7 @@ def rig_blueprint(rig: Rig) -> Any:
 def _picture(name: str) -> Any:
     import rerun.blueprint as rrb
 
-    return rrb.Spatial2DView(origin=f"space/cameras/{name}", name=name, background=_GROUND)
+    return rrb.Spatial2DView(origin=f"space/cameras/{name}", name=name)
 
 
 def space_view(rig: Rig) -> Any:
@@ -74,7 +70,6 @@ def space_view(rig: Rig) -> Any:
         origin="space",
         name=f"rig frame: {rig.reference}",
         contents=["+ space/**", "- space/cameras/*/marks/**"],
-        background=_GROUND,
         line_grid=_floor(rig, eye.up),
         eye_controls=rrb.EyeControls3D(position=eye.position, look_target=eye.target, eye_up=eye.up),
     )

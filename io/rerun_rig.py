@@ -18,7 +18,7 @@ from quadrig.rig.verdict import contradiction_limit
 from quadrig.single.pose import Pose
 from quadrig.single.rotation import Array
 
-from .palette import FAULT, FINE, FOUND, MOVING, PREDICTED, STATIC, Colour, rig_colours
+from .palette import FAULT, FINE, FOUND, MOVED, MOVING, PREDICTED, STATIC, Colour, rig_colours
 from .rig_geometry import apart, ellipsoid, extent, first_eye, magnification, outlines, positions, rises
 from .verdict_text import verdict_markdown
 
@@ -32,6 +32,7 @@ def log_rig(recording: Any, rig: Rig, times: Sequence[int] = ()) -> None:
     """Log all of a Rig to a rerun.RecordingStream. times: ns since 1970 of each frameset, by index, where known."""
     import rerun as rr
 
+    recording.log("verdict", rr.TextDocument(verdict_markdown(rig), media_type="text/markdown"), static=True)
     recording.log("space", rr.ViewCoordinates.RDF, static=True)
     colours = rig_colours(rig)
     for camera in rig.cameras:
@@ -48,7 +49,6 @@ def log_rig(recording: Any, rig: Rig, times: Sequence[int] = ()) -> None:
         # Of hundreds of steps the first bring nearly all: bars of logarithms show the rest too.
         steps = np.log10(np.asarray(rig.costs, float))
         recording.log("steps", rr.BarChart(steps, color=FINE), static=True)
-    recording.log("verdict", rr.TextDocument(verdict_markdown(rig), media_type="text/markdown"), static=True)
 
 
 def log_pictures(recording: Any, pictures: Iterable[tuple[int, str, bytes]], times: Sequence[int] = ()) -> int:
@@ -136,7 +136,7 @@ def _log_rectangle(recording: Any, rig: Rig, placed: PlacedRectangle, times: Seq
     if not placed.rectangle.moving:
         recording.log(path, _outline(rings[0], STATIC, 2.5), static=True)
         return
-    faint = rr.LineStrips3D(rings, colors=[(*MOVING, 60)], radii=rr.Radius.ui_points(0.6))
+    faint = rr.LineStrips3D(rings, colors=[MOVED], radii=rr.Radius.ui_points(0.6))
     recording.log(f"space/everywhere/{placed.name}", faint, static=True)
     by_frameset = dict(zip(np.asarray(placed.framesets).tolist(), rings, strict=True))
     for frameset in _framesets(rig):
