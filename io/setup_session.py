@@ -304,9 +304,12 @@ class SetupSession:
 
     def _sentence(self, states: Sequence[SourceState]) -> tuple[str, bool]:
         """The one sentence: a source that is gone, then a fault, then the advice."""
-        for state in states:
-            if state.condition in ("stalled", "lost", "failed"):
-                return f"{state.name} gives no picture: {state.detail or state.condition}", True
+        gone = [state for state in states if state.condition in ("stalled", "lost", "failed")]
+        if gone:
+            names = ", ".join(state.name for state in gone)
+            details = ", ".join(dict.fromkeys(state.detail for state in gone))
+            again = "" if all(state.condition == "failed" for state in gone) else "; trying again"
+            return f"no picture from {names}: {details}{again}", True
         fault = self._keeper.fault()
         if fault is not None:
             return fault.sentence, True

@@ -4,6 +4,8 @@ A reader is opened by open_reader, gives (media time in ns, bytes or picture) un
 and raises SourceLostError where the source went away and may come back.
 """
 
+import os
+import sys
 import time
 import urllib.request
 from dataclasses import dataclass
@@ -24,6 +26,8 @@ _NETWORK_PATIENCE = 3.0
 # Folders of pictures carry no clock: they play at a rate a person can follow.
 _FOLDER_PERIOD_NS = 100_000_000
 _SECOND = 1_000_000_000
+# FFmpeg's AV_LOG_QUIET.
+_SILENT = -8
 
 Payload = bytes | Picture
 
@@ -116,7 +120,7 @@ class _CaptureReader:
         self.live, self._label = live, label
         self._capture = _open_capture(address)
         if not self._capture.isOpened():
-            raise SourceLostError(f"{label} cannot be opened")
+            raise SourceLostError(f"{label} cannot be opened{_why_not(address)}")
         self._capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)
 
     def read(self) -> tuple[int, Payload] | None:
@@ -129,6 +133,17 @@ class _CaptureReader:
 
     def close(self) -> None:
         self._capture.release()
+
+
+def _why_not(address: str | int) -> str:
+    """What a person can do about a device that does not open; "" of anything else."""
+    device = f"/dev/video{address}" if isinstance(address, int) else address
+    if not device.startswith("/dev/") or not sys.platform.startswith("linux"):
+        return ""
+    if not Path(device).exists():
+        here = ", ".join(sorted(str(path) for path in Path("/dev").glob("video*")))
+        return f" (there is no {device}; here: {here})" if here else f" (there is no {device}; plug it in)"
+    return f" ({device} is in use)" if os.access(device, os.R_OK | os.W_OK) else f" (no permission for {device})"
 
 
 class _JpegVideoReader:
@@ -148,6 +163,9 @@ class _JpegVideoReader:
 
 
 def _open_capture(address: str | int) -> cv2.VideoCapture:
+    # What it would print is said by the source's state, in words.
+    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", str(_SILENT))
     if isinstance(address, int) or address.startswith("/dev/"):
         capture = cv2.VideoCapture(address)
         capture.set(cv2.CAP_PROP_FOURCC, cv2.VideoWriter.fourcc(*"MJPG"))

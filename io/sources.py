@@ -78,7 +78,7 @@ class Source:
         now = time.monotonic()
         condition, detail = self._condition, self._detail
         if condition in ("running", "opening") and now - self._last > STALL_SECONDS and not self._waits:
-            condition, detail = "stalled", f"no picture for {now - self._last:.0f} s"
+            condition, detail = "stalled", f"nothing came for more than {STALL_SECONDS:g} s"
         recent = [arrived for arrived, _ in list(self._arrivals) if now - arrived < 2.0]
         rate = (len(recent) - 1) / (recent[-1] - recent[0]) if len(recent) > 2 else 0.0
         return SourceState(self.name, condition, detail, self._count, rate, self._retries)
@@ -119,7 +119,7 @@ class Source:
                 self._condition = "ended"
                 return
             except SourceLostError as lost:
-                self._condition, self._detail = "lost", f"{lost}; trying again"
+                self._condition, self._detail = "lost", str(lost)
             except QuadrigError as error:
                 self._condition, self._detail = "failed", str(error)
                 return

@@ -2,6 +2,7 @@
 
 import os
 import signal
+import struct
 import subprocess
 import sys
 import threading
@@ -9,6 +10,7 @@ import time
 from contextlib import contextmanager
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
+from socketserver import StreamRequestHandler, ThreadingTCPServer
 
 import cv2
 import numpy as np
@@ -79,6 +81,62 @@ def jpeg_server(rate: float = 30.0, lengths: bool = True, breaks_after: int = 10
     threading.Thread(target=server.serve_forever, daemon=True).start()
     try:
         yield f"http://127.0.0.1:{server.server_address[1]}/stream"
+    finally:
+        stopped.set()
+        server.shutdown()
+        server.server_close()
+
+
+@contextmanager
+def rtsp_server(stream: Path, rate: float = 30.0):
+    """An RTSP server on 127.0.0.1 that plays an MPEG transport stream over the connection itself (RFC 2326, 2250)."""
+    stopped = threading.Event()
+
+    class Handler(StreamRequestHandler):
+        def handle(self):
+            while (request := self.request_lines()) and "PLAY" not in request[0]:
+                self.answer(request)
+            if request:
+                self.answer(request)
+                self.play(stream.read_bytes())
+
+        def request_lines(self) -> list[str]:
+            lines = []
+            while line := self.rfile.readline().decode().strip():
+                lines.append(line)
+            return lines
+
+        def answer(self, request: list[str]):
+            method, sequence = request[0].split()[0], next(r for r in request if r.lower().startswith("cseq"))
+            head, body = "Session: 1\r\n", ""
+            if method == "OPTIONS":
+                head = "Public: OPTIONS, DESCRIBE, SETUP, PLAY\r\n"
+            elif method == "DESCRIBE":
+                body = (
+                    "v=0\r\no=- 0 0 IN IP4 127.0.0.1\r\ns=test\r\nt=0 0\r\nm=video 0 RTP/AVP 33\r\na=control:one\r\n"
+                )
+                head = f"Content-Type: application/sdp\r\nContent-Length: {len(body)}\r\n"
+            elif method == "SETUP":
+                head += "Transport: RTP/AVP/TCP;unicast;interleaved=0-1\r\n"
+            self.wfile.write(f"RTSP/1.0 200 OK\r\n{sequence}\r\n{head}\r\n{body}".encode())
+
+        def play(self, data: bytes):
+            size = 7 * 188
+            parts = [data[k : k + size] for k in range(0, len(data), size)]
+            for number, part in enumerate(parts):
+                header = struct.pack(">BBHII", 0x80, 33, number & 0xFFFF, 3000 * number, 1)
+                try:
+                    self.wfile.write(b"$" + struct.pack(">BH", 0, len(header + part)) + header + part)
+                except OSError:
+                    return
+                if stopped.wait(0.2 / rate):
+                    return
+
+    server = ThreadingTCPServer(("127.0.0.1", 0), Handler)
+    server.daemon_threads = True
+    threading.Thread(target=server.serve_forever, daemon=True).start()
+    try:
+        yield f"rtsp://127.0.0.1:{server.server_address[1]}/stream"
     finally:
         stopped.set()
         server.shutdown()
@@ -172,10 +230,20 @@ def test_http_stream_arrives_whole(lengths):
     assert numbers == sorted(set(numbers))
 
 
+def test_rtsp_stream_arrives_and_its_end_is_tried_again(tmp_path):
+    stream = write_video(tmp_path / "stream.ts", 60, codec="mp4v")
+    with rtsp_server(stream) as address, sources_of(a=address) as sources:
+        numbers = [number_of(f.frames["a"]) for f in framesets_of(sources, most=20)]
+        assert len(numbers) == 20
+        assert numbers == sorted(set(numbers))
+        wait_for(lambda: sources[0].state().condition == "lost", seconds=20)
+        wait_for(lambda: sources[0].state().frames > 60, seconds=20)
+
+
 def test_stream_that_breaks_off_is_tried_again():
     with jpeg_server(rate=60, breaks_after=5) as address, sources_of(a=address) as sources:
         wait_for(lambda: sources[0].state().condition == "lost")
-        assert "trying again" in sources[0].state().detail
+        assert "gives no more pictures" in sources[0].state().detail
         wait_for(lambda: sources[0].state().frames > 5)
         assert sources[0].state().retries >= 1
 
