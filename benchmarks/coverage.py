@@ -20,7 +20,7 @@ from simulated import HEIGHT, WIDTH, Simulated, simulate, usual_scene
 
 from quadrig.rig.calibrate import calibrate
 from quadrig.rig.result import Rig
-from quadrig.rig.working_accuracy import covered_points, rigid_part, triangulation_covariance
+from quadrig.rig.working_accuracy import covered_points, rigid_part, triangulation_shape
 from quadrig.single.errors import QuadrigError
 from quadrig.single.lens import LENS_PARAMETERS, project, project_with_derivatives
 from quadrig.single.rotation import Array
@@ -81,11 +81,12 @@ def quantiles(made: Simulated, rig: Rig) -> dict[str, list[float]]:
         if camera.name != rig.reference:
             step = camera.rig_from_camera.step_to(made.rig_from_camera(rig.reference, camera.name))
             found["pose"].append(_holds(step, rig.pose_covariance(camera.name)))
-    points, joint = triangulation_covariance(rig.cameras, rig.covariance, covered_points(rig.rectangles))
+    points, moves = triangulation_shape(rig.cameras, covered_points(rig.rectangles))
+    doubt = moves @ rig.covariance @ np.swapaxes(moves, -1, -2)
     off = triangulated(made, rig, points) - points
     shape = (off.ravel() - rigid_part(points, off.reshape(-1, 1))[:, 0]).reshape(-1, 3)
     for i in np.linspace(0, len(points) - 1, min(_POINTS, len(points))).round().astype(int):
-        found["point"].append(_holds(shape[i], joint[3 * i : 3 * i + 3, 3 * i : 3 * i + 3]))
+        found["point"].append(_holds(shape[i], doubt[i]))
     found["accuracy"].append(float(np.sqrt((shape**2).sum(axis=1).mean()) / rig.working_accuracy))
     found["noise"].append(rig.noise / made.noise)
     return found

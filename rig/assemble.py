@@ -1,6 +1,6 @@
 """From the end of the joint adjustment to the Rig: poses, covariances and residuals under their names."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -10,7 +10,7 @@ from quadrig.single.rotation import Array, cross_matrix
 
 from .inputs import CameraInput
 from .joint import Joint
-from .normal_equations import LENS
+from .normal_equations import LENS, residual_squares
 from .problem import Problem
 from .result import CAMERA_PARAMETERS, Camera, PlacedRectangle, ViewFit
 
@@ -172,28 +172,47 @@ def _shift(problem: Problem, index: int, joint: Joint) -> int:
     return 0
 
 
+@dataclass(frozen=True, eq=False)
+class Squares:
+    """Of every View: its camera (V,), the sum of squared residuals (V,) px^2 of the points that took part, and their
+    number (V,); zero for Views that were thrown out."""
+
+    camera: Array
+    total: Array
+    points: Array
+
+    def rms(self, chosen: Array | None = None) -> float:
+        """Root mean square length (px) of the residuals of all Views, or of those that are chosen; nan for none."""
+        chosen = np.ones(len(self.total), bool) if chosen is None else chosen
+        count = self.points[chosen].sum()
+        return float(np.sqrt(max(self.total[chosen].sum(), 0.0) / count)) if count else float("nan")
+
+
+def squares_of(problem: Problem, joint: Joint) -> Squares:
+    """Of the fit, against what the rig says of the pictures."""
+    total, points = np.zeros(len(problem.views)), np.zeros(len(problem.views))
+    squares = residual_squares(joint.observations, joint.predicted)
+    for group, square in zip(joint.observations.groups, squares, strict=True):
+        used = group.weights > 0
+        total[group.view], points[group.view] = np.where(used, square, 0.0).sum(axis=1), used.sum(axis=1)
+    return Squares(problem.camera, total, points)
+
+
 def with_figures(
-    cameras: tuple[Camera, ...], fits: tuple[ViewFit, ...], left_out: dict[str, float], covariance: Array
+    cameras: tuple[Camera, ...], fit: Squares, left_out: Squares, covariance: Array
 ) -> tuple[Camera, ...]:
     """The cameras with RMS, counts, and whether their focal could be told."""
     result = []
     for index, camera in enumerate(cameras):
-        own = [fit for fit in fits if fit.view.camera == camera.name and not fit.rejected]
+        own = fit.camera == index
         sigma = float(np.sqrt(covariance[index * CAMERA_PARAMETERS, index * CAMERA_PARAMETERS]))
         result.append(
             replace(
                 camera,
-                rms=rms_of(own),
-                left_out_rms=left_out.get(camera.name, float("nan")),
-                views=len(own),
+                rms=fit.rms(own),
+                left_out_rms=left_out.rms(own),
+                views=int((fit.points[own] > 0).sum()),
                 observable_focal=sigma < _UNKNOWN_FOCAL * camera.intrinsics.focal,
             )
         )
     return tuple(result)
-
-
-def rms_of(fits: list[ViewFit] | tuple[ViewFit, ...]) -> float:
-    """Root mean square length (px) of the residuals of the corners that took part; nan for none."""
-    squares = [(fit.residuals[fit.used] ** 2).sum(axis=-1) for fit in fits if not fit.rejected]
-    every = np.concatenate(squares) if squares else np.zeros(0)
-    return float(np.sqrt(every.mean())) if len(every) else float("nan")

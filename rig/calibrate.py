@@ -10,7 +10,15 @@ from quadrig.single.rectangle import Rectangle
 from quadrig.single.rotation import Array
 from quadrig.single.view import View
 
-from .assemble import camera_covariance, cameras_of, fits_of, rectangles_of, rms_of, with_figures
+from .assemble import (
+    Squares,
+    camera_covariance,
+    cameras_of,
+    fits_of,
+    rectangles_of,
+    squares_of,
+    with_figures,
+)
 from .connectivity import missing_cameras, refuse
 from .graph import FirstRig, components, first_rig
 from .inputs import CameraInput
@@ -145,9 +153,9 @@ def assemble_rig(
     order: list[str],
 ) -> Rig:
     """The Rig of a joint adjustment, cameras in the given order of names. covariance: as Rig.covariance has it."""
-    fits = fits_of(problem, joint, first.reading)
-    left_out_of_camera, left_out = _left_out(problem, joint, fits)
-    cameras = with_figures(cameras_of(problem, joint), fits, left_out_of_camera, covariance)
+    fit = squares_of(problem, joint)
+    left_out = _left_out(problem, joint, fit)
+    cameras = with_figures(cameras_of(problem, joint), fit, left_out, covariance)
     rectangles = rectangles_of(problem, joint)
     accuracy = working_accuracy(cameras, covariance, covered_points(rectangles))
     place = [index for name in order for index, camera in enumerate(cameras) if camera.name == name]
@@ -156,10 +164,10 @@ def assemble_rig(
         tuple(cameras[i] for i in place),
         rectangles,
         _reordered(covariance, place),
-        fits,
+        fits_of(problem, joint, first.reading),
         joint.noise,
-        rms_of(fits),
-        left_out,
+        fit.rms(),
+        left_out.rms(),
         accuracy,
         missing,
         costs=joint.costs,
@@ -173,15 +181,8 @@ def _reordered(covariance: Array, place: list[int]) -> Array:
     return covariance[np.ix_(index, index)]
 
 
-def _left_out(problem: Problem, joint: Joint, fits: tuple) -> tuple[dict[str, float], float]:
-    """RMS (px) of Views left out of the fit, of each camera and of all."""
+def _left_out(problem: Problem, joint: Joint, fit: Squares) -> Squares:
+    """Of Views left out of the fit, those that can be said."""
     squares = left_out_squares(problem, joint)
-    counts = np.array([fit.used.sum() if not fit.rejected else 0 for fit in fits])
-    told = np.isfinite(squares) & (counts > 0)
-    by_camera = {}
-    for index, camera in enumerate(problem.cameras):
-        own = told & (problem.camera == index)
-        if own.any():
-            by_camera[camera.name] = float(np.sqrt(max(squares[own].sum(), 0.0) / counts[own].sum()))
-    total = float(np.sqrt(max(squares[told].sum(), 0.0) / counts[told].sum())) if told.any() else float("nan")
-    return by_camera, total
+    told = np.isfinite(squares) & (fit.points > 0)
+    return replace(fit, total=np.where(told, squares, 0.0), points=np.where(told, fit.points, 0))

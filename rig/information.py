@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from quadrig.single.lens import LENS_PARAMETERS, project_with_derivatives
+from quadrig.single.lens import LENS_PARAMETERS, LensModel, project_with_derivatives
 from quadrig.single.pose import Pose
 from quadrig.single.rotation import Array, cross_matrix
 
@@ -20,17 +20,44 @@ def camera_derivatives(camera: Camera, points: Array) -> tuple[Array, Array, Arr
 
     Columns of lens parameters that are not free are zero. nan where the camera cannot see the point.
     """
-    pose = camera.rig_from_camera
-    arm = np.asarray(points, float) - pose.translation
-    in_camera = arm @ pose.rotation
-    if camera.intrinsics.model == "pinhole":
-        in_camera = np.where(in_camera[..., 2:] > 0, in_camera, np.nan)
-    pixels, by_lens, by_camera_point = project_with_derivatives(
-        camera.intrinsics.parameters, in_camera, camera.intrinsics.model
-    )
-    by_point = by_camera_point @ pose.rotation.T
-    by_camera = np.concatenate([by_lens * _free(camera), by_point @ cross_matrix(arm), -by_point], axis=-1)
+    points = np.asarray(points, float)
+    every = derivatives_of_all([camera], points.reshape(-1, 3))
+    return tuple(one[0].reshape(*points.shape[:-1], *one.shape[2:]) for one in every)  # type: ignore[return-value]
+
+
+def derivatives_of_all(cameras: Sequence[Camera], points: Array) -> tuple[Array, Array, Array]:
+    """What `camera_derivatives` says of the points (N, 3) for all cameras: (C, N, 2), (C, N, 2, 15), (C, N, 2, 3)."""
+    poses, parameters = _stacked(cameras)
+    arm = points - poses.translation[:, None]
+    in_camera = arm @ poses.rotation
+    shape = arm.shape[:-1]
+    pixels, by_lens, by_camera_point = np.empty((*shape, 2)), np.empty((*shape, 2, 9)), np.empty((*shape, 2, 3))
+    for model, rows in _by_model(cameras).items():
+        located = in_camera[rows]
+        if model == "pinhole":
+            located = np.where(located[..., 2:] > 0, located, np.nan)
+        found = project_with_derivatives(parameters[rows][:, None], located, model)
+        pixels[rows], by_lens[rows], by_camera_point[rows] = found
+    by_point = by_camera_point @ np.swapaxes(poses.rotation, -1, -2)[:, None]
+    free = np.stack([_free(camera) for camera in cameras])[:, None, None]
+    by_camera = np.concatenate([by_lens * free, by_point @ cross_matrix(arm), -by_point], axis=-1)
     return pixels, by_camera, by_point
+
+
+def _stacked(cameras: Sequence[Camera]) -> tuple[Pose, Array]:
+    """rig_from_camera, a batch (C,), and lens parameters (C, 9)."""
+    poses = Pose(
+        np.stack([camera.rig_from_camera.rotation for camera in cameras]),
+        np.stack([camera.rig_from_camera.translation for camera in cameras]),
+    )
+    return poses, np.stack([camera.intrinsics.parameters for camera in cameras])
+
+
+def _by_model(cameras: Sequence[Camera]) -> dict[LensModel, list[int]]:
+    rows: dict[LensModel, list[int]] = {}
+    for row, camera in enumerate(cameras):
+        rows.setdefault(camera.intrinsics.model, []).append(row)
+    return rows
 
 
 def rectangle_derivatives(by_point: Array, rig_from_rect: Pose, points: Array) -> Array:
@@ -105,16 +132,12 @@ def triangulation_derivatives(cameras: Sequence[Camera], points: Array, sees: Ar
 
     sees (C, N) bool: which camera takes part. nan for points that fewer than two cameras see.
     """
-    by_point = np.zeros((len(points), len(cameras), 2, 3))
-    by_camera = np.zeros((len(points), len(cameras), 2, CAMERA_PARAMETERS))
-    for index, camera in enumerate(cameras):
-        _, one_by_camera, one_by_point = camera_derivatives(camera, points)
-        seen = sees[index][:, None, None]
-        by_camera[:, index], by_point[:, index] = np.where(seen, one_by_camera, 0), np.where(seen, one_by_point, 0)
-    normal = np.einsum("ncki,nckj->nij", by_point, by_point)
+    _, by_camera, by_point = derivatives_of_all(cameras, points)
+    by_camera, by_point = (np.where(sees[..., None, None], each, 0.0) for each in (by_camera, by_point))
+    turned = np.swapaxes(by_point, -1, -2)
+    normal = (turned @ by_point).sum(axis=0)
     normal[sees.sum(0) < 2] = np.nan
-    moved = np.einsum("ncki,nckj->nicj", by_point, by_camera)
-    moved = moved.reshape(len(points), 3, -1)
+    moved = np.moveaxis(turned @ by_camera, 0, 2).reshape(len(points), 3, -1)
     result = np.full_like(moved, np.nan)
     possible = np.isfinite(normal).all((1, 2))
     result[possible] = -np.linalg.solve(normal[possible], moved[possible])

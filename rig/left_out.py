@@ -35,15 +35,20 @@ def left_out_squares(problem: Problem, joint: Joint) -> Array:
     fit, predicted = _copied_state(adjustment.state, count), _copied_state(joint.predicted, count)
     weighing = adjustment.linearised.gram if adjustment.softened is None else adjustment.softened.gram
     free = np.tile(joint.reduced.free, (count, 1))
-    own = eliminate(normal_equations(copies, tables, fit, weighing), tables, free, freedom.node)
+    normal = normal_equations(copies, tables, fit, weighing)
+    own = eliminate(normal, tables, free, freedom.node)
     steps = np.concatenate([_steps_without(joint, own, number, fold == number) for number in range(count)])
-    gram = _gram_of_prediction(joint)
-    left = normal_equations(copies, tables, predicted, gram)
-    every_node = np.ones_like(freedom.node)
-    poses = node_steps(left, tables, eliminate(left, tables, free, every_node), steps)
+    gram, at_prediction = weighing, own
+    if adjustment.softened is not None:
+        # What the rig says of the pictures has no View straying: another state, with derivatives of its own.
+        gram = linearise(joint.observations, joint.predicted, adjustment.columns, joint.noise, False).gram
+        normal = normal_equations(copies, tables, predicted, gram)
+    if adjustment.softened is not None or not freedom.node.all():
+        at_prediction = eliminate(normal, tables, free, np.ones_like(freedom.node))
+    poses = node_steps(normal, tables, at_prediction, steps)
     step = view_steps(copies, predicted, steps, poses, len(adjustment.columns))
-    step = np.concatenate([step, -np.ones((len(step), 1))], axis=1)
-    squares = np.einsum("vi,vij,vj->v", step, gram, step, optimize=True)
+    residual = np.concatenate([step, -np.ones((len(step), 1))], axis=1)[:, None]
+    squares = (residual @ gram @ np.swapaxes(residual, -1, -2))[:, 0, 0]
     return squares * (joint.noise * problem.sigmas) ** 2 / problem.shares
 
 
@@ -75,14 +80,6 @@ def _copied_state(state: State, count: int) -> State:
     cameras = np.tile(np.arange(len(state.lens)), count)
     offsets = None if state.offsets is None else state.offsets[cameras]
     return replace(state, lens=state.lens[cameras], camera_from_rig=state.camera_from_rig[cameras], offsets=offsets)
-
-
-def _gram_of_prediction(joint: Joint) -> Array:
-    """Gram matrices (V, K+7, K+7) at what the rig says of the pictures."""
-    adjustment = joint.adjustment
-    if adjustment.softened is None:
-        return adjustment.linearised.gram
-    return linearise(joint.observations, joint.predicted, adjustment.columns, joint.noise, False).gram
 
 
 def _steps_without(joint: Joint, own: Reduced, number: int, out: Array) -> Array:

@@ -28,21 +28,19 @@ def covered_points(rectangles: Sequence[PlacedRectangle]) -> Array:
     return points[np.linspace(0, len(points) - 1, _MOST_POINTS).round().astype(int)]
 
 
-def triangulation_covariance(cameras: Sequence[Camera], covariance: Array, points: Array) -> tuple[Array, Array]:
-    """Points (N', 3) that two cameras see, and the covariance (3 N', 3 N') of where the rig would triangulate them.
+def triangulation_shape(cameras: Sequence[Camera], points: Array) -> tuple[Array, Array]:
+    """Points (N', 3) that two cameras see, and how where the rig would triangulate them moves with the cameras'
+    parameters (N', 3, 15 C), in the order of Rig.covariance.
 
     The part that is one rigid motion of all points is taken out: it is the frame that moves, not the rig's shape, so
-    the figure does not depend on where the rig frame stands.
+    that no figure depends on where the rig frame stands.
     """
     sees = np.stack([visible(camera, points) for camera in cameras])
     derivatives = triangulation_derivatives(cameras, points, sees)
     possible = np.isfinite(derivatives).all(axis=(1, 2))
-    points, derivatives = (
-        points[possible],
-        derivatives[possible].reshape(3 * int(possible.sum()), derivatives.shape[-1]),
-    )
-    shape = derivatives - rigid_part(points, derivatives)
-    return points, shape @ covariance @ shape.T
+    points, derivatives = points[possible], derivatives[possible]
+    flat = derivatives.reshape(-1, derivatives.shape[-1])
+    return points, derivatives - rigid_part(points, flat).reshape(derivatives.shape)
 
 
 def rigid_part(points: Array, motion: Array) -> Array:
@@ -62,8 +60,8 @@ def working_accuracy(cameras: Sequence[Camera], covariance: Array, points: Array
     """Sigma (m) of a triangulated point along its worst axis, root mean square over the points; nan for none."""
     if len(cameras) < 2 or not len(points):
         return float("nan")
-    seen, joint = triangulation_covariance(cameras, covariance, points)
+    seen, shape = triangulation_shape(cameras, points)
     if len(seen) < 3:
         return float("nan")
-    blocks = joint.reshape(len(seen), 3, len(seen), 3)[np.arange(len(seen)), :, np.arange(len(seen)), :]
+    blocks = shape @ covariance @ np.swapaxes(shape, -1, -2)
     return float(np.sqrt(np.maximum(np.linalg.eigvalsh(blocks)[:, -1], 0).mean()))

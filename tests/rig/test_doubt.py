@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from quadrig.rig.calibrate import calibrate
-from quadrig.rig.working_accuracy import covered_points, triangulation_covariance, working_accuracy
+from quadrig.rig.working_accuracy import covered_points, triangulation_shape, working_accuracy
 from quadrig.single.pose import Pose, inverse_jacobian
 
 
@@ -91,7 +91,9 @@ def test_the_working_accuracy_is_that_of_triangulated_points(board_rig):
     """Cameras drawn from the covariance triangulate the covered points with the scatter that is told."""
     _, rig = board_rig
     points = covered_points(rig.rectangles)
-    seen, joint = triangulation_covariance(rig.cameras, rig.covariance, points)
+    seen, moves = triangulation_shape(rig.cameras, points)
+    flat = moves.reshape(3 * len(seen), -1)
+    joint = flat @ rig.covariance @ flat.T
     blocks = joint.reshape(len(seen), 3, len(seen), 3)[np.arange(len(seen)), :, np.arange(len(seen)), :]
     told = np.sqrt(np.linalg.eigvalsh(blocks)[:, -1].mean())
     assert told == pytest.approx(working_accuracy(rig.cameras, rig.covariance, points), rel=1e-9)
