@@ -286,11 +286,13 @@ def _fit_charuco(grey: Array, marking: CharucoMarking, places: Array, axes: Arra
     clear = (1 - marking.marker / marking.square) / 2
     fit = fit_corners(grey, places[index], axes[index], _window(axes[index]), clear)
     shift = fit.pixels - places[index]
-    far = np.linalg.norm(shift, axis=1, keepdims=True)
-    if np.max(far) > _RECENTRE:
+    far = np.linalg.norm(shift, axis=1)
+    again = np.flatnonzero(far > _RECENTRE)
+    if len(again):
         # The window follows the corner, a few pixels at most, so that it holds the four squares evenly.
-        here = places[index] + shift * np.minimum(1, 4 / np.maximum(far, 1e-9))
-        fit = fit_corners(grey, here, axes[index], _window(axes[index]), clear)
+        here = places[index[again]] + shift[again] * np.minimum(1, 4 / far[again, None])
+        own_axes = axes[index[again]]
+        fit = fit.changed(again, fit_corners(grey, here, own_axes, _window(own_axes), clear))
     side = np.linalg.norm(axes[index], axis=2).min(axis=1)
     moved = np.linalg.norm(fit.pixels - places[index], axis=1)
     sure = _good(fit) & _alike(fit) & (moved < np.maximum(1.5, 0.2 * side))

@@ -21,6 +21,8 @@ _LARGE = 2000
 _FARTHEST = 2.5
 # Share of the tag's contrast that each white cell around it must have over the black one beside it.
 _LEAST_STEP = 0.25
+# Cells within and beyond the edge where black and white are looked at: a third, for paper is often cut close.
+_IN, _OUT = 0.5, -0.35
 # Share of the border's cells that may look wrong before a tag is taken to be partly hidden.
 _WRONG_CELLS = 0.08
 # Grey levels between ink and paper below which nothing sure can be said.
@@ -34,6 +36,8 @@ _WORST_SIGMA = 0.4
 _FIT_SIDE = 80.0
 # px to either side of an edge that the first and the last fit look at, where cells are wide enough.
 _WIDE, _CLOSE = 8.0, 4.0
+# px: a tag that moved less since the picture before, and blurs less, is where one close fit says.
+_STILL, _SHARP = 1.0, 0.8
 # Blur (px) beyond which an image of twice the size tells no more of an edge.
 _SOFT = 1.5
 # px that the model of a straight blurred edge is wrong by on real lenses, added to what noise explains.
@@ -113,10 +117,13 @@ def _find_once(
     return found
 
 
-def detect_tags(grey: Array, rectangles: Sequence[Rectangle], found: dict[int, list[Array]]) -> list[View]:
+def detect_tags(
+    grey: Array, rectangles: Sequence[Rectangle], found: dict[int, list[Array]], followed: bool = False
+) -> list[View]:
     """Views of the tag rectangles, all of one dictionary, whose rough corners are among those found.
 
-    A tag that is seen twice in one image is not used: nobody can tell which of the two is meant.
+    A tag that is seen twice in one image is not used: nobody can tell which of the two is meant. followed: the
+    corners are those of the picture before.
     """
     seen: list[tuple[Rectangle, Array]] = []
     for rectangle in rectangles:
@@ -130,7 +137,11 @@ def detect_tags(grey: Array, rectangles: Sequence[Rectangle], found: dict[int, l
     assert isinstance(marking, TagMarking)
     cells = tag_dictionary(marking.dictionary).markerSize + 2
     rough = np.stack([quad for _, quad in seen])
-    corners, sigma, sure = refine_tags(grey, rough, cells)
+    corners, sigma, sure = refine_tags(grey, rough, cells, followed)
+    if followed:
+        # What moved farther than one close fit reaches gets both fits.
+        again = np.flatnonzero(~sure)
+        corners[again], sigma[again], sure[again] = refine_tags(grey, rough[again], cells)
     return [
         View(rectangle.name, rectangle.corners, quad[_EQ4_FROM_OPENCV], sigma=float(s))
         for (rectangle, _), quad, s, good in zip(seen, corners, sigma, sure, strict=True)
@@ -150,7 +161,7 @@ def track_tags(grey: Array, rectangles: Sequence[Rectangle], near: Mapping[str, 
     for rectangle in known:
         assert isinstance(rectangle.marking, TagMarking)
         found[rectangle.marking.id] = [near[rectangle.name].pixels[_EQ4_FROM_OPENCV]]
-    views = detect_tags(grey, known, found)
+    views = detect_tags(grey, known, found, followed=True)
     markings = {r.name: r.marking for r in known}
     return [view for view in views if _reads_as(grey, view.pixels[_EQ4_FROM_OPENCV], markings[view.rectangle])]
 
@@ -166,29 +177,30 @@ def _reads_as(grey: Array, corners: Array, marking: Marking) -> bool:
     inner = np.arange(1, cells - 1) + 0.5
     grid = np.stack(np.meshgrid(inner, inner), axis=-1).reshape(-1, 2)
     values = _sampled(grey, image_from_cell, grid)
-    along = np.arange(cells) + 0.5
-    black = np.nanmedian(_sampled(grey, image_from_cell, _ring(along, 0.5, cells - 0.5)))
-    white = np.nanmedian(_sampled(grey, image_from_cell, _ring(along, -0.35, cells + 0.35)))
+    black, white = (np.nanmedian(_sampled(grey, image_from_cell, _ring(cells, depth))) for depth in (_IN, _OUT))
     wrong = np.count_nonzero((values > (black + white) / 2) != bits.ravel())
     return wrong <= dictionary.maxCorrectionBits
 
 
-def refine_tags(grey: Array, rough: Array, cells: int) -> tuple[Array, Array, Array]:
+def refine_tags(grey: Array, rough: Array, cells: int, still: bool = False) -> tuple[Array, Array, Array]:
     """Corners (N, 4, 2) from rough ones, sigma (N,) px, and which (N,) are to be trusted.
 
-    cells: along a side of the tag, its black border included.
+    cells: along a side of the tag, its black border included. still: only those are to be trusted that stand
+    where the rough corners are, which takes half the time.
     """
     corners, sigma = np.empty_like(rough), np.empty(rough.shape[:2])
     sure, leak = np.zeros(len(rough), bool), np.zeros(len(rough))
     levels = _levels(rough)
     groups = [np.flatnonzero(levels == 0), *np.flatnonzero(levels > 0)[:, None]]
     for group in (g for g in groups if len(g)):
-        corners[group], sigma[group], fit = _fit_from_level(grey, rough[group], cells, levels[group[0]])
+        corners[group], sigma[group], fit = _fit_from_level(grey, rough[group], cells, levels[group[0]], still)
         sure[group] = _even_sides(fit, _cell(corners[group], cells))
+        if still:
+            sure[group] &= (fit.blur.reshape(-1, 4) < _SHARP).all(axis=1)
         leak[group] = _leak(fit, corners[group], cells)
     side = np.linalg.norm(np.roll(rough, -1, axis=1) - rough, axis=2).min(axis=1)
     moved = np.linalg.norm(corners - rough, axis=2).max(axis=1)
-    sure &= np.isfinite(corners).all(axis=(1, 2)) & (moved < _FARTHEST + 0.1 * side)
+    sure &= np.isfinite(corners).all(axis=(1, 2)) & (moved < (_STILL if still else _FARTHEST + 0.1 * side))
     total = np.sqrt(np.mean(sigma**2, axis=1) + leak**2 + _MODEL_SIGMA**2)
     sure &= total < _WORST_SIGMA
     for index in np.flatnonzero(sure):
@@ -225,13 +237,16 @@ def _levels(corners: Array) -> Array:
     return np.maximum(0, np.rint(np.log2(side / _FIT_SIDE))).astype(int)
 
 
-def _fit_from_level(grey: Array, rough: Array, cells: int, top: int) -> tuple[Array, Array, EdgeFit]:
+def _fit_from_level(grey: Array, rough: Array, cells: int, top: int, still: bool) -> tuple[Array, Array, EdgeFit]:
     """Corners (N, 4, 2), sigma (N, 4) and the last fit, from the coarse image of level `top` down to 0.
+
+    still: the rough corners are good to a pixel.
 
     A wide-angle lens bows the side of a large tag by more than the close search spans; in a coarse image it does not.
     """
     origin, crop = _crop(grey, rough, 2**top)
-    corners, bow, blur = rough - origin, None, np.zeros(rough.shape[:2])
+    corners, blur = rough - origin, np.zeros(rough.shape[:2])
+    bow = np.zeros_like(blur) if still else None
     for level in range(top, -1, -1):
         scale = 2**level
         image = cv2.resize(crop, None, fx=1 / scale, fy=1 / scale, interpolation=cv2.INTER_AREA) if level else crop
@@ -281,22 +296,19 @@ def _looks_whole(grey: Array, corners: Array, cells: int) -> bool:
     """
     unit = np.array([[0, 0], [cells, 0], [cells, cells], [0, cells]], np.float32)
     image_from_cell = cv2.getPerspectiveTransform(unit, corners.astype(np.float32))
-    along = np.arange(cells) + 0.5
-    # A third of a cell beside the edge: paper is often cut close to the tag.
-    sides = _ring(along, 0.5, cells - 0.5), _ring(along, -0.35, cells + 0.35)
-    ends = _corners(0.5, cells - 0.5), _corners(-0.35, cells + 0.35)
-    black, white = (_sampled(grey, image_from_cell, places) for places in sides)
+    black, white = (_sampled(grey, image_from_cell, _ring(cells, depth)) for depth in (_IN, _OUT))
     contrast = np.nanmedian(white) - np.nanmedian(black)
     # What is outside the image (nan) is neither right nor wrong.
     wrong = np.count_nonzero(white - black < _LEAST_STEP * contrast)
     if not contrast > _LEAST_CONTRAST or wrong > _WRONG_CELLS * len(black):
         return False
-    black, white = (_sampled(grey, image_from_cell, places) for places in ends)
+    black, white = (_sampled(grey, image_from_cell, _corners(cells, depth)) for depth in (_IN, _OUT))
     # Edges that end under a thumb do not meet where the corner is.
     return not np.any(white - black < _LEAST_STEP * contrast)
 
 
-def _corners(low: float, high: float) -> Array:
+def _corners(cells: int, depth: float) -> Array:
+    low, high = depth, cells - depth
     return np.array([[low, low], [high, low], [high, high], [low, high]])
 
 
@@ -308,8 +320,11 @@ def _sampled(grey: Array, image_from_cell: Array, cells: Array) -> Array:
     return np.where(inside, grey[places[:, 1], places[:, 0]].astype(float), np.nan)
 
 
-def _ring(along: Array, low: float, high: float) -> Array:
-    same = np.ones_like(along)
+@lru_cache(maxsize=64)
+def _ring(cells: int, depth: float) -> Array:
+    """Places (P, 2) so many cells within the edge of a tag, one beside each cell of its border."""
+    along = np.arange(cells) + 0.5
+    low, high, same = depth, cells - depth, np.ones_like(along)
     sides = [(along, low * same), (high * same, along), (along, high * same), (low * same, along)]
     return np.concatenate([np.stack(side, axis=1) for side in sides])
 
