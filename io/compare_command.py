@@ -2,7 +2,7 @@
 
 import json
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 import typer
@@ -12,7 +12,7 @@ from quadrig.rig.compare import compare as compare_rigs
 from quadrig.rig.result import Rig
 from quadrig.rig.verdict import length
 
-from .beside import written_beside
+from . import rerun_show
 from .rig_file import read_rig
 
 # A difference this unlikely by chance is called one.
@@ -23,6 +23,7 @@ def compare(
     first: Annotated[Path, typer.Argument(help="A rig.mcap.", metavar="A.mcap")],
     second: Annotated[Path, typer.Argument(help="Another of the same cameras.", metavar="B.mcap")],
     save: Annotated[Path | None, typer.Option(help="Write both, aligned, to an .rrd file for rerun.")] = None,
+    web: Annotated[bool, typer.Option("--web", help="Serve that to a browser on this machine.")] = False,
     screenshot: Annotated[Path | None, typer.Option(help="Write a .png picture of that; needs no screen.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="The differences as JSON.")] = False,
 ) -> None:
@@ -36,15 +37,8 @@ def compare(
         print(json.dumps(comparison_values(found), indent=2))
     else:
         _print(found)
-    if save is not None:
-        with written_beside(save) as beside:
-            stream = _stream()
-            stream.save(str(beside), default_blueprint=_blueprint(a))
-            _log(stream, a, b, found)
-    if screenshot is not None:
-        from .rerun_screenshot import take_screenshot
-
-        take_screenshot(lambda address: _send(address, a, b, found), screenshot)
+    if web or save or screenshot:
+        rerun_show.show(_shown(a, b, found), save, web, screenshot)
 
 
 def comparison_values(found: Comparison) -> dict:
@@ -113,32 +107,10 @@ def _number(value: float) -> float | None:
     return float(value) if np.isfinite(value) else None
 
 
-def _stream() -> Any:
-    import rerun as rr
+def _shown(first: Rig, second: Rig, found: Comparison) -> rerun_show.Shown:
+    from .rerun_compare import comparison_blueprint, log_comparison
 
-    return rr.RecordingStream("quadrig compare")
-
-
-def _blueprint(rig: Rig) -> Any:
-    import rerun.blueprint as rrb
-
-    from .rerun_blueprint import space_view
-
-    return rrb.Blueprint(
-        rrb.Vertical(space_view(rig), rrb.TextDocumentView(origin="summary", name="differences"), row_shares=[3, 2]),
-        collapse_panels=True,
+    return rerun_show.Shown(
+        comparison_blueprint(first),
+        lambda stream, one_look: log_comparison(stream, first, second, found, summary(found)),
     )
-
-
-def _log(stream: Any, first: Rig, second: Rig, found: Comparison) -> None:
-    from .rerun_compare import log_comparison
-
-    log_comparison(stream, first, second, found, summary(found))
-    stream.flush()
-    stream.disconnect()
-
-
-def _send(address: str, first: Rig, second: Rig, found: Comparison) -> None:
-    stream = _stream()
-    stream.connect_grpc(address, default_blueprint=_blueprint(first))
-    _log(stream, first, second, found)

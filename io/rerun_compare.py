@@ -1,4 +1,4 @@
-"""Two rigs in one space in rerun: the first in colour, the second thin and pale, arrows from one to the other."""
+"""Two rigs in one space in rerun: the first in colour, the second in grey, arrows from one to the other."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -9,10 +9,19 @@ from quadrig.rig.compare import Comparison
 from quadrig.rig.result import Rig
 from quadrig.rig.verdict import length
 
-from .palette import FAULT, rig_colours
+from .palette import FAULT, STATIC, rig_colours
+from .rerun_rig import log_frustum, named_points
 from .rig_geometry import apart, extent, first_eye, positions
 
-_PALE = (170, 170, 180)
+
+def comparison_blueprint(first: Rig) -> Any:
+    """A rerun.blueprint.Blueprint for what log_comparison logs."""
+    import rerun.blueprint as rrb
+
+    from .rerun_blueprint import space_view
+
+    words = rrb.TextDocumentView(origin="summary", name="differences")
+    return rrb.Blueprint(rrb.Vertical(space_view(first), words, row_shares=[3, 2]), collapse_panels=True)
 
 
 def log_comparison(recording: Any, first: Rig, second: Rig, found: Comparison, sentences: Sequence[str]) -> None:
@@ -21,26 +30,16 @@ def log_comparison(recording: Any, first: Rig, second: Rig, found: Comparison, s
 
     colours, size = rig_colours(first), extent(first)
     recording.log("space", rr.ViewCoordinates.RDF, static=True)
-    for which, rig in (("first", first), ("second", second)):
-        for camera in rig.cameras:
-            pose = camera.rig_from_camera if which == "first" else found.first_from_second @ camera.rig_from_camera
-            path, lens = f"space/{which}/{camera.name}", camera.intrinsics
-            transform = rr.Transform3D(translation=pose.translation, mat3x3=pose.rotation)
-            recording.log(path, transform, static=True)
-            pinhole = rr.Pinhole(
-                image_from_camera=lens.camera_matrix,
-                resolution=[lens.width, lens.height],
-                camera_xyz=rr.ViewCoordinates.RDF,
-                image_plane_distance=0.1 * size,
-                color=colours.get(camera.name, _PALE) if which == "first" else _PALE,
-                line_width=(0.003 if which == "first" else 0.0015) * size,
-            )
-            recording.log(path, pinhole, static=True)
-    places = apart(first_eye(first), [camera.name for camera in first.cameras], positions(first))
-    names = [camera.name for camera in first.cameras]
-    shades = [colours[name] for name in names]
-    labels = rr.Points3D(places, radii=rr.Radius.ui_points(1.5), colors=shades, labels=names, show_labels=True)
-    recording.log("space/names", labels, static=True)
+    for camera in first.cameras:
+        log_frustum(
+            recording, f"space/first/{camera.name}", camera, camera.rig_from_camera, colours[camera.name], size
+        )
+    for camera in second.cameras:
+        pose = found.first_from_second @ camera.rig_from_camera
+        log_frustum(recording, f"space/second/{camera.name}", camera, pose, STATIC, size)
+    names = list(colours)
+    places = apart(first_eye(first), names, positions(first))
+    recording.log("space/names", named_points(names, places, list(colours.values())), static=True)
     scale = _arrow_scale(first, found)
     origins = [first.camera(one.name).rig_from_camera.translation for one in found.cameras]
     vectors = [scale * one.step[3:] for one in found.cameras]
@@ -64,5 +63,5 @@ def _markdown(found: Comparison, sentences: Sequence[str], scale: float) -> str:
         for one in found.cameras
     ]
     head = ["| camera | focal px | position | turn degrees | sigmas |", "|---|---|---|---|---|"]
-    note = f"First in colour, second pale; arrows: shifts, drawn {scale:.0f} times longer."
+    note = f"First in colour, second grey; red arrows: shifts, drawn {scale:.0f} times longer."
     return "\n".join([f"## {sentences[0]}", "", *sentences[1:], "", *head, *rows, "", note])

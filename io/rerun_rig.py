@@ -79,17 +79,13 @@ def arrow_scale(rig: Rig, camera: Camera) -> float:
     return float(step * next(digit for digit in (5, 2, 1) if digit * step <= factor))
 
 
-def _transform(pose: Pose) -> Any:
+def log_frustum(recording: Any, path: str, camera: Camera, pose: Pose, colour: Colour, size: float) -> None:
+    """Log a camera as a frustum of which a picture makes the far end. pose: of the camera in the space; size: m, of
+    the whole rig."""
     import rerun as rr
 
-    return rr.Transform3D(translation=pose.translation, mat3x3=pose.rotation)
-
-
-def _log_camera(recording: Any, rig: Rig, camera: Camera, colour: Colour) -> None:
-    import rerun as rr
-
-    path, lens, size = f"space/cameras/{camera.name}", camera.intrinsics, extent(rig)
-    recording.log(path, _transform(camera.rig_from_camera), static=True)
+    lens = camera.intrinsics
+    recording.log(path, rr.Transform3D(translation=pose.translation, mat3x3=pose.rotation), static=True)
     recording.log(
         path,
         rr.Pinhole(
@@ -102,6 +98,13 @@ def _log_camera(recording: Any, rig: Rig, camera: Camera, colour: Colour) -> Non
         ),
         static=True,
     )
+
+
+def _log_camera(recording: Any, rig: Rig, camera: Camera, colour: Colour) -> None:
+    import rerun as rr
+
+    path, lens = f"space/cameras/{camera.name}", camera.intrinsics
+    log_frustum(recording, path, camera, camera.rig_from_camera, colour, extent(rig))
     frame = [[0, 0], [lens.width, 0], [lens.width, lens.height], [0, lens.height], [0, 0]]
     edge = rr.LineStrips2D([frame], colors=[colour], radii=rr.Radius.ui_points(1))
     recording.log(f"{path}/marks/frame", edge, static=True)
@@ -162,7 +165,7 @@ def _log_names(recording: Any, rig: Rig, colours: dict[str, Colour], times: Sequ
     shades = [*(colours[camera.name] for camera in rig.cameras), *([STATIC] * len(still))]
     eye = first_eye(rig)
     places = apart(eye, names, np.array(anchors))
-    recording.log("space/names/still", _names(names, places, shades), static=True)
+    recording.log("space/names/still", named_points(names, places, shades), static=True)
     recording.log("space/names/leads", _leads(np.array(anchors), places, shades), static=True)
     moving = [placed for placed in rig.rectangles if placed.rectangle.moving]
     for frameset in _framesets(rig) if moving else []:
@@ -174,11 +177,12 @@ def _log_names(recording: Any, rig: Rig, colours: dict[str, Colour], times: Sequ
             continue
         every = np.concatenate([places, np.array([place for _, place in here])])
         shown = apart(eye, names + [name for name, _ in here], every)[len(names) :]
-        recording.log("space/names/moving", _names([name for name, _ in here], shown, [MOVING] * len(here)))
+        recording.log("space/names/moving", named_points([name for name, _ in here], shown, [MOVING] * len(here)))
     recording.reset_time()
 
 
-def _names(names: Sequence[str], places: Array, colours: Sequence[Colour]) -> Any:
+def named_points(names: Sequence[str], places: Array, colours: Sequence[Colour]) -> Any:
+    """rerun.Points3D with their names."""
     import rerun as rr
 
     return rr.Points3D(places, radii=rr.Radius.ui_points(1.5), colors=colours, labels=names, show_labels=True)

@@ -1,7 +1,5 @@
 """Pictures of what a rerun viewer shows, without a screen: for reports, tests and the eye."""
 
-import subprocess
-import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -10,9 +8,9 @@ from typing import Any
 from quadrig.single.errors import QuadrigError
 
 from .beside import written_beside
-from .rerun_live import free_port
+from .rerun_live import Viewer
 
-SIZE = "1600x1000"
+_SIZE = "1600x1000"
 # A software renderer on a busy machine opens within half a minute; a graphics card in two seconds.
 _OPENING_SECONDS = 60.0
 # The viewer greets with notes in a corner, over the picture, for some seconds of frames drawn.
@@ -20,27 +18,19 @@ _NOTES_SECONDS = 14.0
 _SETTLED_SECONDS = 60.0
 
 
-def take_screenshot(send: Callable[[str], None], png: Path, size: str = SIZE) -> None:
+def take_screenshot(send: Callable[[str], None], png: Path) -> None:
     """A picture (.png) of what `send` logs to the gRPC address it is given, as the viewer lays it out.
 
     Raises QuadrigError where the viewer cannot draw here.
     """
-    from rerun.experimental import ViewerClient
-
-    port = free_port()
-    address = f"rerun+http://127.0.0.1:{port}/proxy"
-    command = [
-        *(sys.executable, "-m", "rerun", "--bind", "127.0.0.1", "--port", str(port)),
-        *("--headless", "--hide-welcome-screen", "--window-size", size),
-    ]
     with written_beside(png) as beside:
-        viewer = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        viewer = _headless()
         try:
-            client = _connect(viewer, ViewerClient, address)
-            send(address)
+            client = _connect(viewer)
+            send(viewer.address)
             _settle(client, beside)
         finally:
-            _end(viewer)
+            viewer.close()
 
 
 _CANNOT = (
@@ -49,13 +39,22 @@ _CANNOT = (
 )
 
 
-def _connect(viewer: subprocess.Popen, client: Any, address: str) -> Any:
+def _headless() -> Viewer:
+    try:
+        return Viewer(options=("--headless", "--hide-welcome-screen", "--window-size", _SIZE))
+    except QuadrigError:
+        raise QuadrigError(_CANNOT) from None
+
+
+def _connect(viewer: Viewer) -> Any:
+    from rerun.experimental import ViewerClient
+
     until = time.monotonic() + _OPENING_SECONDS
-    while time.monotonic() < until and viewer.poll() is None:
+    while time.monotonic() < until and viewer.open:
         try:
-            connected = client.connect(address)
-            connected.get_state()
-            return connected
+            client = ViewerClient.connect(viewer.address)
+            client.get_state()
+            return client
         except Exception:
             time.sleep(0.3)
     raise QuadrigError(_CANNOT)
@@ -78,17 +77,3 @@ def _settle(client: Any, png: Path) -> None:
         time.sleep(1.0)
     if not before:
         raise QuadrigError(_CANNOT)
-
-
-def _end(viewer: subprocess.Popen) -> None:
-    """End the viewer and the program that started it: `python -m rerun` waits for a child that does the work."""
-    import psutil
-
-    try:
-        family = psutil.Process(viewer.pid).children(recursive=True)
-    except psutil.NoSuchProcess:
-        family = []
-    for process in family:
-        process.terminate()
-    viewer.terminate()
-    viewer.wait()
