@@ -1,7 +1,6 @@
 """`rig info`: what a recording holds, which topics are cameras, what would be used."""
 
 import json
-import sys
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -95,34 +94,37 @@ def _camera_json(camera: RecordedCamera, report: CameraReport) -> dict[str, Any]
     }
 
 
-def _print(recording: Recording, framesets: Framesets) -> None:
-    from rich.console import Console
-    from rich.table import Table
+# Column headings, and which are numbers, to be read from the right.
+_HEADINGS = ("camera", "images", "Hz", "used", "dropped", "offset ms", "size", "stored as", "lens given", "from")
+_NUMBERS = range(1, 7)
 
-    table = Table(box=None, pad_edge=False)
-    table.add_column("camera", no_wrap=True)
-    for heading in ("images", "Hz", "used", "dropped", "offset ms", "size"):
-        table.add_column(heading, justify="right", no_wrap=True)
-    for heading in ("stored as", "lens given"):
-        table.add_column(heading, no_wrap=True)
-    table.add_column("from", overflow="fold")
+
+def _print(recording: Recording, framesets: Framesets) -> None:
+    rows = [_HEADINGS]
     for camera, report in zip(recording.cameras, framesets.report, strict=True):
         rate = _rate(camera)
-        table.add_row(
-            camera.name,
-            str(camera.frames),
-            "" if rate is None else f"{rate:.2f}",
-            str(report.used),
-            str(report.dropped),
-            "" if report.used == 0 else f"{1e3 * report.offset:.1f}",
-            f"{camera.width}x{camera.height}",
-            camera.encoding,
-            "no" if camera.prior is None else f"f {camera.prior.focal:.1f} px",
-            camera.topic,
+        rows.append(
+            (
+                camera.name,
+                str(camera.frames),
+                "" if rate is None else f"{rate:.2f}",
+                str(report.used),
+                str(report.dropped),
+                "" if report.used == 0 else f"{1e3 * report.offset:.1f}",
+                f"{camera.width}x{camera.height}",
+                camera.encoding,
+                "no" if camera.prior is None else f"f {camera.prior.focal:.1f} px",
+                camera.topic,
+            )
         )
-    # In a file or a pipe lines are as long as they are.
-    console = Console(width=None if sys.stdout.isatty() else 250)
-    console.print(table)
+    # Not rich's table: loading it would take as long as reading the recording.
+    widths = [max(len(row[k]) for row in rows) for k in range(len(_HEADINGS))]
+    for row in rows:
+        cells = (
+            word.rjust(width) if k in _NUMBERS else word.ljust(width)
+            for k, (word, width) in enumerate(zip(row, widths, strict=True))
+        )
+        print("  ".join(cells).rstrip())
     sizes, whole = framesets.sizes(), len(framesets.cameras)
     print(
         f"{len(framesets)} framesets over {_seconds(framesets):.1f} s, "
