@@ -127,12 +127,15 @@ def scaled_inverse(matrix: Array) -> Array:
     return np.linalg.pinv(matrix / np.outer(scale, scale), hermitian=True) / np.outer(scale, scale)
 
 
-def triangulation_derivatives(cameras: Sequence[Camera], points: Array, sees: Array) -> Array:
+def triangulation_derivatives(cameras: Sequence[Camera], points: Array, sees: Array | None = None) -> Array:
     """How triangulated points (N, 3) move with the cameras' parameters: (N, 3, 15 C).
 
-    sees (C, N) bool: which camera takes part. nan for points that fewer than two cameras see.
+    sees (C, N) bool: which camera takes part; where None, those into whose picture a point falls. nan for points that
+    fewer than two cameras see.
     """
-    _, by_camera, by_point = derivatives_of_all(cameras, points)
+    pixels, by_camera, by_point = derivatives_of_all(cameras, points)
+    if sees is None:
+        sees = np.stack([_in_picture(camera, own) for camera, own in zip(cameras, pixels, strict=True)])
     by_camera, by_point = (np.where(sees[..., None, None], each, 0.0) for each in (by_camera, by_point))
     turned = np.swapaxes(by_point, -1, -2)
     normal = (turned @ by_point).sum(axis=0)
@@ -140,7 +143,7 @@ def triangulation_derivatives(cameras: Sequence[Camera], points: Array, sees: Ar
     moved = np.moveaxis(turned @ by_camera, 0, 2).reshape(len(points), 3, -1)
     result = np.full_like(moved, np.nan)
     possible = np.isfinite(normal).all((1, 2))
-    result[possible] = -np.linalg.solve(normal[possible], moved[possible])
+    result[possible] = -np.linalg.inv(normal[possible]) @ moved[possible]
     return result
 
 
@@ -149,6 +152,10 @@ def visible(camera: Camera, points: Array, margin: float = 0.0) -> Array:
     pixels = camera.intrinsics.project(
         (points - camera.rig_from_camera.translation) @ camera.rig_from_camera.rotation
     )
+    return _in_picture(camera, pixels, margin)
+
+
+def _in_picture(camera: Camera, pixels: Array, margin: float = 0.0) -> Array:
     size = np.array([camera.intrinsics.width, camera.intrinsics.height])
     with np.errstate(invalid="ignore"):
         return ((pixels >= margin) & (pixels <= size - 1 - margin)).all(-1)

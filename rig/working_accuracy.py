@@ -6,7 +6,7 @@ import numpy as np
 
 from quadrig.single.rotation import Array
 
-from .information import triangulation_derivatives, visible
+from .information import triangulation_derivatives
 from .result import Camera, PlacedRectangle
 
 # Points that stand for the volume: more change the root mean square by less than its second digit.
@@ -35,8 +35,7 @@ def triangulation_shape(cameras: Sequence[Camera], points: Array) -> tuple[Array
     The part that is one rigid motion of all points is taken out: it is the frame that moves, not the rig's shape, so
     that no figure depends on where the rig frame stands.
     """
-    sees = np.stack([visible(camera, points) for camera in cameras])
-    derivatives = triangulation_derivatives(cameras, points, sees)
+    derivatives = triangulation_derivatives(cameras, points)
     possible = np.isfinite(derivatives).all(axis=(1, 2))
     points, derivatives = points[possible], derivatives[possible]
     flat = derivatives.reshape(-1, derivatives.shape[-1])
