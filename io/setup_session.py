@@ -32,6 +32,9 @@ from .sources import LiveFrameset, LiveFramesets, Pace, Source, SourceState
 
 # Solutions take turns with rests of the same length, so that the search keeps its share of the processor.
 _REST = 1.0
+# Solutions in a row, each with new framesets, that must be as accurate as asked: the first that happens to be below
+# is below by chance more often than the next (benchmarks/stopping.py).
+_CONFIRMED = 2
 # Frames of this long ago count into the rate and the latency that are shown.
 _RATE_SECONDS = 3.0
 
@@ -124,6 +127,7 @@ class SetupSession:
         self._sizes: dict[str, tuple[int, int]] = {}
         self._shown = _Shown()
         self._solved, self._rest_until, self._begun = 0, 0.0, 0.0
+        self._accurate = 0
         self._framesets = 0
         self._seen_since: frozenset[str] = frozenset()
 
@@ -179,7 +183,7 @@ class SetupSession:
                 return self._ended(states)
             self._collect()
             self._show(frameset, searches, states, offset)
-            if self._accurate():
+            if self._accurate >= _CONFIRMED:
                 return f"reached {1000 * (self._plan.until or 0):g} mm"
 
     def _take(self, frameset: LiveFrameset, offset: int) -> list[Search]:
@@ -213,15 +217,17 @@ class SetupSession:
             self._note(kept)
             self._advise_at_once()
         # Files that are played until an accuracy is reached stop at the same frameset on every run.
-        solution = self._solver.take(wait=self._plan.pace == "consumed" and self._plan.until is not None)
+        waits = self._plan.pace == "consumed" and self._plan.until is not None
+        solution = self._solver.take(wait=waits)
         if solution is not None:
             now = time.monotonic()
             self._solution = solution
+            self._accurate = self._accurate + 1 if self._is_accurate(solution.rig) else 0
             if solution.rig is not None and len(solution.rig.cameras) == len(self._names):
                 self._coach = self._coach.hear(solution.advice, self._take_shown(), now)
             if solution.fault is not None:
                 self._keeper.blame(solution.fault)
-            self._rest_until = now + _REST * (now - self._begun)
+            self._rest_until = now if waits else now + _REST * (now - self._begun)
         if self._keeper.framesets > self._solved and self._solver.idle and time.monotonic() >= self._rest_until:
             self._begun, self._solved = time.monotonic(), self._keeper.framesets
             self._solver.begin(self._job(live=True))
@@ -267,9 +273,8 @@ class SetupSession:
             self._coach.refused_pairs,
         )
 
-    def _accurate(self) -> bool:
+    def _is_accurate(self, rig: Rig | None) -> bool:
         """Whether what was asked for is reached, by all cameras."""
-        rig = self._solution.rig if self._solution else None
         if self._plan.until is None or rig is None or len(rig.cameras) < len(self._names):
             return False
         return bool(rig.working_accuracy <= self._plan.until)
