@@ -15,7 +15,7 @@ STATIC: Colour = (128, 128, 145)
 MOVING: Colour = (90, 150, 70)
 MOVED: Colour = (125, 145, 118)
 FOUND: Colour = (40, 160, 70)
-PREDICTED: Colour = (228, 96, 16)
+PREDICTED: Colour = (235, 106, 24)
 FAULT: Colour = (225, 45, 45)
 FINE: Colour = (120, 135, 150)
 

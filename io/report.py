@@ -6,25 +6,27 @@ import numpy as np
 
 from quadrig.rig.residual_field import residual_field
 from quadrig.rig.result import Camera, Rig
-from quadrig.rig.verdict import length, verdict
+from quadrig.rig.verdict import PATTERN, length, verdict
+from quadrig.rig.weaknesses import coverage
 
 from . import report_plots as plots
 from .palette import hexadecimal, rig_colours
 from .rig_file import RigFile
 
 _STYLE = """
-:root { color-scheme: light dark; }
+:root { color-scheme: light dark; --ink: #222; --ground: #fafafa; }
 body { font: 15px/1.5 system-ui, sans-serif; max-width: 1120px; margin: 2em auto; padding: 0 1em;
-  color: #222; background: #fafafa; }
+  color: var(--ink); background: var(--ground); }
 h1 { font-size: 1.5em; } h2 { font-size: 1.2em; margin-top: 2em; } h3 { font-size: 1.05em; margin-bottom: 0.3em; }
 .verdict { padding: 0.8em 1.2em; border-left: 8px solid; border-radius: 6px; background: #8881; }
 .good { border-color: #2a9d4e; } .care { border-color: #e0a020; } .not { border-color: #d03030; }
 figure { margin: 0; } figcaption { font-size: 0.9em; opacity: 0.8; }
 .row { display: flex; flex-wrap: wrap; gap: 1.2em; align-items: flex-start; }
 svg { max-width: 100%; height: auto; fill: currentColor; } svg text { font: 11px system-ui, sans-serif; }
+.name { paint-order: stroke; stroke: var(--ground); stroke-width: 3px; stroke-linejoin: round; }
 table { border-collapse: collapse; margin: 0.6em 0; } td, th { padding: 0.2em 0.9em 0.2em 0; text-align: right; }
 td:first-child, th:first-child { text-align: left; } th { font-weight: 600; border-bottom: 1px solid #8888; }
-@media (prefers-color-scheme: dark) { body { color: #ddd; background: #16181d; } }
+@media (prefers-color-scheme: dark) { :root { --ink: #ddd; --ground: #16181d; } }
 """
 _CLASSES = {"good": "good", "with care": "care", "not yet": "not"}
 
@@ -74,13 +76,13 @@ def _table_row(rig: Rig, camera: Camera) -> str:
     cells = [
         f'<span style="color:{hexadecimal(rig_colours(rig)[name])}">●</span> {escape(name)}',
         f"{camera.intrinsics.focal:.2f} ± {rig.focal_sigma(name):.2f}",
-        " ".join(f"{value:.4f}" for value in place),
+        " ".join(f"{value:.4f}" for value in place.round(4) + 0.0),
         length(rig.position_sigma(name)),
         f"{np.degrees(rig.rotation_sigma(name)):.4f}°",
         _figure(camera.rms),
         _figure(camera.left_out_rms),
         str(camera.views),
-        f"{100 * residual_field(rig, name).covered:.0f} %",
+        f"{100 * coverage(rig.fits, camera):.0f} %",
     ]
     return "<tr>" + "".join(f"<td>{cell}</td>" for cell in cells) + "</tr>"
 
@@ -117,7 +119,7 @@ def _camera(rig: Rig, camera: Camera) -> str:
     if camera.lens_reason:
         said.append(f"Lens: {camera.lens_reason}.")
     if np.isfinite(held.pattern):
-        fits = "no pattern" if held.pattern < 3 else "a pattern"
+        fits = "no pattern" if held.pattern < PATTERN else "a pattern"
         said.append(f"Residuals of different poses agree {held.pattern:.1f} times as much as chance has it: {fits}.")
     words = "".join(f"<p>{escape(sentence)}</p>" for sentence in said)
     field = ("Residuals and coverage: a pattern means that the lens does not fit.", plots.field(rig, camera))

@@ -12,7 +12,7 @@ from quadrig.single.rotation import Array
 
 from .palette import FAULT, FINE, MOVING, PREDICTED, STATIC, Colour, hexadecimal, rig_colours
 from .rerun_rig import arrow_scale, edge_widths, graph_edges, residual_histogram
-from .rig_geometry import bounds, ellipsoid, extent, level_axes, magnification, outlines, positions
+from .rig_geometry import ellipsoid, extent, level_axes, magnification, outlines, positions
 from .svg import Plot
 
 # A report shows a share of very many residuals: 1500 arrows fill a picture, and its file stays small.
@@ -24,8 +24,7 @@ _COVERED = "#4a86c8"
 def level_view(rig: Rig, rows: tuple[int, int], title: str, labels: tuple[str, str]) -> str:
     """The rig on two of its level axes (right, ahead, up): cameras with their view and doubt, rectangles."""
     axes = level_axes(rig)[list(rows)]
-    corners = np.array(bounds(rig))
-    every = np.concatenate([corners, positions(rig), *(outlines(p).reshape(-1, 3) for p in rig.rectangles)]) @ axes.T
+    every = np.concatenate([positions(rig), *(outlines(p).reshape(-1, 3) for p in rig.rectangles)]) @ axes.T
     every = every[np.isfinite(every).all(axis=1)]
     margin = 0.12 * extent(rig)
     low, high = every.min(axis=0) - margin, every.max(axis=0) + margin
@@ -100,16 +99,17 @@ def cycle_errors(rig: Rig) -> str:
 
 def left_out(rig: Rig) -> str:
     """RMS of the fit (full) and of framesets left out of it (pale), for each camera."""
-    rows = [(camera.rms, camera.left_out_rms) for camera in rig.cameras]
-    top = max([1e-3, *(value for row in rows for value in row if np.isfinite(value))])
-    plot = Plot((0, 1.1 * top), (0, len(rows)), 520, max(120, 30 * len(rows) + 40), "RMS px", down=True, ticks=False)
+    rows = np.nan_to_num([(camera.rms, camera.left_out_rms) for camera in rig.cameras])
+    top = max(1e-3, float(rows.max(initial=0.0)))
+    height = 30 * len(rows) + 40
+    # The words stand to the right of the bars.
+    plot = Plot((0, 1.9 * top), (0, len(rows)), 520, height, down=True, ticks=False)
     for index, (camera, (fit, out)) in enumerate(zip(rig.cameras, rows, strict=True)):
         colour = hexadecimal(rig_colours(rig)[camera.name])
-        plot.box((0, index + 0.15), (fit if np.isfinite(fit) else 0, index + 0.5), colour)
-        if np.isfinite(out):
-            plot.box((0, index + 0.5), (out, index + 0.85), colour, 0.5)
-        said = f"{camera.name}: {fit:.2f}" + (f", left out {out:.2f}" if np.isfinite(out) else "")
-        plot.text((0.02 * top, index + 0.72), said, "currentColor", "start")
+        plot.box((0, index + 0.15), (fit, index + 0.5), colour)
+        plot.box((0, index + 0.5), (out, index + 0.85), colour, 0.5)
+        said = f"{camera.name}: {fit:.2f} px" + (f", left out {out:.2f} px" if out else "")
+        plot.text((max(fit, out) + 0.03 * top, index + 0.8), said, "currentColor", "start")
     return plot.svg("RMS of the fit and of framesets left out of it, by camera")
 
 

@@ -11,16 +11,19 @@ import numpy as np
 
 from quadrig.single.rotation import Array
 
-_LEFT, _RIGHT, _TOP, _BOTTOM = 44, 10, 8, 30
+_LEFT, _RIGHT, _TOP, _BOTTOM = 54, 10, 8, 30
 # A letter's width and a line's height of the page's 11 px text.
 _LETTER, _LINE = 6.2, 11.5
+# A plot lower than this shows no ticks.
+_LOWEST = 120
 
 
 @dataclass
 class Plot:
     """A plot of a range of x and y, y upwards, or downwards where `down`.
 
-    equal: one unit is as long along y as along x. labels: what stands at the axes.
+    equal: one unit is as long along y as along x, and the height no more than that needs. labels: what stands at the
+    axes.
     """
 
     x: tuple[float, float]
@@ -33,6 +36,7 @@ class Plot:
     equal: bool = False
     ticks: bool = True
     parts: list[str] = field(default_factory=list)
+    names: list[str] = field(default_factory=list)
     words: list[tuple[float, float, float]] = field(default_factory=list)
 
     def __post_init__(self) -> None:
@@ -40,7 +44,9 @@ class Plot:
         if self.equal:
             inner = (self.width - _LEFT - _RIGHT, self.height - _TOP - _BOTTOM)
             unit = max((self.x[1] - self.x[0]) / inner[0], (self.y[1] - self.y[0]) / inner[1])
-            self.x, self.y = _grown(self.x, unit * inner[0]), _grown(self.y, unit * inner[1])
+            needed = max((self.y[1] - self.y[0]) / unit, _LOWEST)
+            self.x, self.y = _grown(self.x, unit * inner[0]), _grown(self.y, unit * needed)
+            self.height = round(needed) + _TOP + _BOTTOM
 
     def place(self, points: Array) -> Array:
         """Places (..., 2) in the picture of points (..., 2) in data coordinates."""
@@ -81,15 +87,16 @@ class Plot:
         )
 
     def text(self, point: Sequence[float], words: str, colour: str = "currentColor", anchor: str = "middle") -> None:
-        """Words at a point, a little above it; higher where other words stand already."""
+        """Words at a point, a little above it and before all marks; higher where other words stand already."""
         x, y = self.place(np.asarray(point, float))
         half = _LETTER * len(words) / 2
         middle = x + {"start": half, "middle": 0.0, "end": -half}[anchor]
         while any(abs(middle - m) < half + h and abs(y - other) < _LINE for m, h, other in self.words):
             y -= 1.0
         self.words.append((float(middle), half, float(y)))
-        self.parts.append(
-            f'<text x="{x:.1f}" y="{y - 6:.1f}" text-anchor="{anchor}" fill="{colour}">{escape(words)}</text>'
+        self.names.append(
+            f'<text class="name" x="{x:.1f}" y="{y - 6:.1f}" text-anchor="{anchor}" fill="{colour}">'
+            f"{escape(words)}</text>"
         )
 
     def svg(self, title: str) -> str:
@@ -106,7 +113,7 @@ class Plot:
             f'<text x="11" y="{_TOP + inner_height / 2:.0f}" text-anchor="middle" '
             f'transform="rotate(-90 11 {_TOP + inner_height / 2:.0f})">{escape(self.ylabel)}</text>',
         ]
-        body = "".join([frame, *ticks, *self.parts, *labels])
+        body = "".join([frame, *ticks, *self.parts, *self.names, *labels])
         return (
             f'<svg role="img" aria-label="{escape(title)}" viewBox="0 0 {self.width} {self.height}" '
             f'width="{self.width}" height="{self.height}">{body}</svg>'

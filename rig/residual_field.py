@@ -20,7 +20,7 @@ class ResidualField:
 
     counts (ROWS, COLUMNS): corners in each field of the picture; means (ROWS, COLUMNS, 2): mean residual there, nan
     in empty fields. pattern: how much more the residuals of different rectangle poses agree in a field than by
-    chance: near 1 where the lens fits. covered: share of the fields with a corner.
+    chance: near 1 where the lens fits.
     """
 
     pixels: Array
@@ -28,7 +28,6 @@ class ResidualField:
     counts: Array
     means: Array
     pattern: float
-    covered: float
 
     @property
     def lengths(self) -> Array:
@@ -55,7 +54,6 @@ def residual_field(rig: Rig, camera: str) -> ResidualField:
         counts.reshape(ROWS, COLUMNS),
         means.reshape(ROWS, COLUMNS, 2),
         _pattern(place, pose, residuals),
-        float(np.mean(counts > 0)),
     )
 
 

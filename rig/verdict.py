@@ -14,8 +14,9 @@ Grade = Literal["good", "with care", "not yet"]
 
 # Left-out framesets that miss this much more than those of the fit: the rig follows its noise, not the room.
 _OVERFITTED = 1.5
-# Residuals of a field that agree this much more than chance: boards' own errors reach 2 on good real lenses.
-_PATTERN = 3.0
+PATTERN = 3.0
+"""Residuals of a field that agree this much more than chance form a pattern: boards' own errors reach 2 on good real
+lenses."""
 # A View in its own sigmas against the rig; those of a rig that fits are near 1, and 99.9 % are below 2.
 _CONTRADICTS = 3.0
 # From this median of all Views on it is no single View that is wrong, but what is assumed of all of them.
@@ -122,7 +123,7 @@ def _patterns(rig: Rig) -> list[str]:
     sentences = []
     for camera in rig.cameras:
         pattern = residual_field(rig, camera.name).pattern
-        if pattern > _PATTERN:
+        if pattern > PATTERN:
             sentences.append(
                 f"{camera.name}: its residuals form a pattern over the picture ({pattern:.0f} times chance): the "
                 "lens model does not fit, or the rectangles are not flat; try another lens, or stiffer boards"

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from quadrig.io.commands import run
+from quadrig.io.palette import camera_colours
 from quadrig.io.report import report_html
 from quadrig.io.rig_file import RigFile, write_rig
 from quadrig.io.svg import Plot, round_values
@@ -52,7 +53,7 @@ def test_every_plot_is_sound_and_named(page):
 
 def test_names_are_not_markup(example_rig):
     odd = replace(example_rig.cameras[0], name="<b>&cam")
-    rig = replace(example_rig, cameras=(odd, *example_rig.cameras[1:]), reference="<b>&cam", fits=(), edges=())
+    rig = replace(example_rig, cameras=(odd, *example_rig.cameras[1:]), reference="<b>&cam", fits=())
     assert "<b>" not in report_html(RigFile(rig))
 
 
@@ -73,8 +74,8 @@ def test_a_browser_draws_it(page, tmp_path):
     subprocess.run(options, check=True, capture_output=True, timeout=120)
     picture = cv2.imread(str(shot))
     assert picture is not None
-    # The orange of the first camera and the blue of the second are drawn; the page is not blank.
-    for colour in ((230, 159, 0), (86, 180, 233)):
+    # The first two cameras are drawn in their colours; the page is not blank.
+    for colour in camera_colours(["cam0", "cam1"]).values():
         assert (np.abs(picture.astype(int) - colour[::-1]).max(axis=-1) < 12).sum() > 50
     dom = subprocess.run([*base, "--dump-dom", page.as_uri()], check=True, capture_output=True, timeout=120)
     assert dom.stdout.decode().count("<svg") == 14
