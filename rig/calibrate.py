@@ -93,6 +93,8 @@ def _largest(problem: Problem, reference: str | None) -> list[int]:
 
 
 def _of_cameras(problem: Problem, kept: list[int]) -> Problem:
+    if len(kept) == len(problem.cameras):
+        return problem
     names = {problem.cameras[i].name for i in kept}
     return build_problem(
         [problem.cameras[i] for i in kept],

@@ -27,7 +27,7 @@ _LENS_SHARE = 0.01
 # Candidates further apart than this many of their common sigmas do not support one another.
 _AGREES = 4.0
 # Shared rectangle poses that vote for two cameras: the most certain ones. More would not change who wins.
-_MOST_VOTERS = 64
+_MOST_VOTERS = 32
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,7 +17,7 @@ from .outliers import Judged, judge, noise_of, robust_noise
 from .principal_point import PRINCIPAL_SIGMA
 from .problem import Problem
 from .slack import SlackPrior, learned, slack_variances, strays
-from .start import ENOUGH_POINTS, LEAST_NOISE, Start, prior
+from .start import ENOUGH_POINTS, LEAST_NOISE, ROUGH, Start, prior
 
 # A fit that others follow is good enough once a step would lower chi-square by this little: a sigma.
 _ROUGH = 1.0
@@ -263,7 +263,7 @@ def _robust(
     trusted = observations.with_weights(weights)
     state, noise = State(begin.lens, first.camera_from_rig, first.rig_from_node), begin.noise
     while True:
-        found = adjust(trusted, state, freedom, noise, robust=True, most_steps=12, tables=tables, tolerance=_ROUGH)
+        found = adjust(trusted, state, freedom, noise, robust=True, most_steps=12, tables=tables, tolerance=ROUGH)
         seen = max(robust_noise(trusted, found.linearised.squares), LEAST_NOISE)
         if abs(np.log(seen / noise)) < _SAME_NOISE:
             return found, seen

@@ -189,7 +189,9 @@ class _Sum:
     @staticmethod
     def over(key: Array, total: int | None = None) -> "_Sum":
         order = np.argsort(key, kind="stable")
-        keys, starts = np.unique(key[order], return_index=True)
+        ordered = key[order]
+        starts = np.flatnonzero(np.diff(ordered, prepend=-1))
+        keys = ordered[starts]
         return _Sum(order, starts, keys, len(keys) if total is None else total)
 
     def __call__(self, rows: Array) -> Array:

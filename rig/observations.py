@@ -124,12 +124,13 @@ def _group(
     node: Array,
     model: LensModel,
 ) -> ObservationGroup:
-    shape = (len(view), size)
-    padded_points, padded_pixels, weights = np.zeros((*shape, 3)), np.zeros((*shape, 2)), np.zeros(shape)
-    for row, index in enumerate(view):
-        count = sizes[index]
-        padded_points[row, :count], padded_pixels[row, :count] = points[index], pixels[index]
-        # Padding repeats the first point: a place that surely projects; its weight of zero takes it out.
-        padded_points[row, count:], padded_pixels[row, count:] = points[index][0], pixels[index][0]
-        weights[row, :count] = share[index] / sigma[index] ** 2
-    return ObservationGroup(view, camera[view], node[view], padded_points, padded_pixels, weights, share[view], model)
+    own = sizes[view][:, None]
+    # Padding repeats the first point: a place that surely projects; its weight of zero takes it out.
+    place = np.arange(size) * (np.arange(size) < own)
+    place += (np.cumsum(own) - own.ravel())[:, None]
+    weights = np.where(np.arange(size) < own, (share[view] / sigma[view] ** 2)[:, None], 0.0)
+    every_point = np.concatenate([points[index] for index in view])
+    every_pixel = np.concatenate([pixels[index] for index in view])
+    return ObservationGroup(
+        view, camera[view], node[view], every_point[place], every_pixel[place], weights, share[view], model
+    )

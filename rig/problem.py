@@ -2,6 +2,8 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from math import isfinite
 
 import numpy as np
 
@@ -47,13 +49,13 @@ class Problem:
         points = self.views[view].readings[reading]
         return points if rectangle.world_from_rect is None else rectangle.world_from_rect.transform(points)
 
-    @property
+    @cached_property
     def sigmas(self) -> Array:
         """Sigma (V,) of each View as a multiple of the median one: how sure corners are is learned from the data."""
         told = np.array([view.sigma for view in self.views])
         return told / np.median(told) if len(told) else told
 
-    @property
+    @cached_property
     def shares(self) -> Array:
         """What each View (V,) counts for: less than one where a still camera sees a still rectangle again and again.
 
@@ -61,8 +63,8 @@ class Problem:
         """
         place = {name: index for index, name in enumerate(self.rectangles)}
         rectangle = np.array([place[view.rectangle] for view in self.views], int)
-        seen = np.stack([self.node, rectangle, self.camera], axis=1)
-        _, inverse, count = np.unique(seen, axis=0, return_inverse=True, return_counts=True)
+        key = (self.node * len(place) + rectangle) * len(self.cameras) + self.camera
+        _, inverse, count = np.unique(key, return_inverse=True, return_counts=True)
         repeats = count[inverse]
         return np.minimum(repeats, _MOST_REPEATS) / repeats
 
@@ -96,8 +98,7 @@ def build_problem(cameras: Sequence[CameraInput], rectangles: Sequence[Rectangle
             raise QuadrigError(f"{what} {repeated[0]!r} is given twice; every {what} needs a name of its own")
     by_name = {r.name: r for r in sorted(rectangles, key=lambda r: r.name)}
     known = {c.name for c in cameras}
-    for view in views:
-        _check(view, known, by_name)
+    _check(views, known, by_name)
     usable = [v for v in views if len(v.pixels) >= _FEWEST_POINTS]
     return _problem(tuple(sorted(cameras, key=lambda c: c.name)), by_name, usable)
 
@@ -126,15 +127,25 @@ def _node_key(rectangle: Rectangle, frameset: int) -> tuple[str, int]:
     return (rectangle.name, frameset if rectangle.moving else -1)
 
 
-def _check(view: View, cameras: set[str], rectangles: dict[str, Rectangle]) -> None:
-    where = f"View of {view.rectangle!r} by {view.camera!r} in frameset {view.frameset}"
-    if view.camera not in cameras:
-        raise QuadrigError(f"{where}: there is no camera of that name; give it, or leave the View out")
-    if view.rectangle not in rectangles:
-        raise QuadrigError(f"{where}: there is no rectangle of that name; give it, or leave the View out")
-    if any(reading.shape != (len(view.pixels), 3) for reading in view.readings) or view.pixels.ndim != 2:
-        raise QuadrigError(f"{where}: points and pixels do not match; give P points (P, 3) with P pixels (P, 2)")
-    if not (np.isfinite(view.pixels).all() and all(np.isfinite(r).all() for r in view.readings)):
-        raise QuadrigError(f"{where}: a coordinate is not a number; leave out points that were not seen")
-    if not (np.isfinite(view.sigma) and view.sigma > 0):
-        raise QuadrigError(f"{where}: sigma is {view.sigma} px; give a positive number")
+def _check(views: Sequence[View], cameras: set[str], rectangles: dict[str, Rectangle]) -> None:
+    """Raises QuadrigError for the first View that names what is not there or holds broken numbers."""
+    for view in views:
+        if view.camera not in cameras or view.rectangle not in rectangles:
+            what = "camera" if view.camera not in cameras else "rectangle"
+            raise QuadrigError(f"{_where(view)}: there is no {what} of that name; give it, or leave the View out")
+        shape = (len(view.pixels), 3)
+        if view.pixels.ndim != 2 or any(reading.shape != shape for reading in view.readings):
+            raise QuadrigError(
+                f"{_where(view)}: points and pixels do not match; give P points (P, 3) with P pixels (P, 2)"
+            )
+        if not (view.sigma > 0 and isfinite(view.sigma)):
+            raise QuadrigError(f"{_where(view)}: sigma is {view.sigma} px; give a positive number")
+    # All at once, since there may be hundreds of thousands; one by one only where something is wrong.
+    parts = [view.pixels.ravel() for view in views] + [r.ravel() for view in views for r in view.readings]
+    if parts and not np.isfinite(np.concatenate(parts)).all():
+        broken = next(v for v in views if not all(np.isfinite(part).all() for part in (v.pixels, *v.readings)))
+        raise QuadrigError(f"{_where(broken)}: a coordinate is not a number; leave out points that were not seen")
+
+
+def _where(view: View) -> str:
+    return f"View of {view.rectangle!r} by {view.camera!r} in frameset {view.frameset}"

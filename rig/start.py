@@ -17,8 +17,8 @@ from quadrig.single.pose import Pose, compose_jacobians
 from quadrig.single.rectangle import rectangle_corners
 from quadrig.single.rotation import Array, nearest_rotation
 
-from .adjust import Adjustment, Freedom, adjust
-from .normal_equations import State
+from .adjust import Freedom, adjust
+from .normal_equations import State, linearise
 from .observations import Observations, pack
 from .outliers import robust_noise
 from .problem import Problem
@@ -38,8 +38,14 @@ PRIOR_SIGMA = {"k1": 0.3, "k2": 0.2, "p1": 0.003, "p2": 0.003, "k3": 0.2, "aspec
 ENOUGH_POINTS = 16
 # Steps of each camera by itself: the joint adjustment follows.
 _MONO_STEPS = 3
-# A start is good enough once a step would lower chi-square by this little: a sigma.
-_ROUGH = 1.0
+# What others follow is good enough once a step would lower chi-square by this little: three sigmas of one number,
+# of the hundreds that are estimated.
+ROUGH = 10.0
+# Gauss-Newton steps of a twin, whose closed form is near already.
+_TWIN_STEPS = 2
+_NO_LENS = np.zeros(0, int)
+# Added to the diagonal of a pose's normal matrix (1/rad^2, 1/m^2): far below what any View tells.
+_LEAST_INFORMATION = 1e-9
 # Noise (px) where no View has a pose that could show it.
 _USUAL_NOISE = 0.3
 
@@ -204,12 +210,14 @@ def _refine(problem: Problem, observations: Observations, lens: Array, poses: Po
     lengths = (lens[observations.camera, 0] * errors)[np.isfinite(errors)]
     # A mean squared length is twice the variance of a coordinate.
     noise = max(float(np.median(lengths)) / np.sqrt(2), LEAST_NOISE) if len(lengths) else _USUAL_NOISE
-    found = adjust(observations, _by_themselves(lens, poses), freedom, noise, True, _MONO_STEPS, tolerance=_ROUGH)
+    found = adjust(observations, _by_themselves(lens, poses), freedom, noise, True, _MONO_STEPS, tolerance=ROUGH)
     seen = max(robust_noise(observations, found.linearised.squares), LEAST_NOISE)
     # Every View spent six of its coordinates on its pose, every camera two on its lens: what is left shows less.
     coordinates, spent = 2 * observations.count, 6 * problem.shares.sum() + free.sum()
     seen = float(seen * np.sqrt(coordinates / max(coordinates - spent, 0.1 * coordinates)))
-    covariance, cost = _own_doubt(observations, found, noise, seen)
+    lens_size = len(found.columns)
+    gram = found.linearised.gram[:, lens_size : lens_size + 6, lens_size : lens_size + 6] * (noise / seen) ** 2
+    covariance, cost = _own_doubt(gram, _chi_squares(observations, found.linearised.squares, seen))
     return _Alone(found.state.lens, seen, found.state.rig_from_rect, covariance, cost)
 
 
@@ -219,19 +227,21 @@ def _by_themselves(lens: Array, poses: Pose) -> State:
     return State(lens, Pose(np.tile(np.eye(3), (cameras, 1, 1)), np.zeros((cameras, 3))), poses)
 
 
-def _own_doubt(observations: Observations, found: Adjustment, fitted: float, noise: float) -> tuple[Array, Array]:
-    """Covariance (V, 6, 6) of each View's own pose for its lens, and its chi-square (V,), for a noise (px).
+def _own_doubt(gram: Array, cost: Array) -> tuple[Array, Array]:
+    """Covariance (V, 6, 6) of poses of which the normal matrices are given, and chi-square (V,).
 
-    fitted: the noise that the adjustment took.
+    A View of no information (all points behind) gets a doubt that no vote will count.
     """
-    lens = len(found.columns)
-    own = found.linearised.gram[:, lens : lens + 6, lens : lens + 6] * (fitted / noise) ** 2
-    cost = np.full(len(own), np.inf)
-    for group, square in zip(observations.groups, found.linearised.squares, strict=True):
+    behind = (np.trace(gram, axis1=-2, axis2=-1) == 0) | ~np.isfinite(cost)
+    return np.linalg.inv(gram + _LEAST_INFORMATION * np.eye(6)), np.where(behind, np.inf, cost)
+
+
+def _chi_squares(observations: Observations, squares: tuple[Array, ...], noise: float) -> Array:
+    """Chi-square (V,) of each View from its squared residuals; infinite for Views that are not among these."""
+    cost = np.full(len(observations.camera), np.inf)
+    for group, square in zip(observations.groups, squares, strict=True):
         cost[group.view] = np.where(group.weights > 0, square * group.weights, 0.0).sum(axis=1) / noise**2
-    # A View of no information (all points behind) gets a doubt that no vote will count.
-    behind = (np.trace(own, axis1=-2, axis2=-1) == 0) | ~np.isfinite(cost)
-    return np.linalg.inv(own + 1e-9 * np.eye(6)), np.where(behind, np.inf, cost)
+    return cost
 
 
 def _candidates(problem: Problem, observations: Observations, alone: _Alone, twin: Pose, errors: Array) -> Candidates:
@@ -275,13 +285,23 @@ _Part = tuple[Array, Array, Pose, Array, Array]
 
 def _refined_twins(observations: Observations, alone: _Alone, twin: Pose, weak: Array) -> tuple[Pose, Array, Array]:
     """Twins of the weak Views (indices) fitted, all with their covariance (V, 6, 6) and chi-square (V,)."""
-    still = np.zeros_like(alone.lens)
     chosen = np.zeros(observations.nodes, bool)
     chosen[weak] = True
-    freedom = Freedom(still > 0, np.zeros(len(still), bool), chosen, still, still)
-    views = observations.only(chosen)
-    found = adjust(views, _by_themselves(alone.lens, twin), freedom, alone.noise, True, 2, tolerance=_ROUGH)
-    return found.state.rig_from_rect, *_own_doubt(views, found, alone.noise, alone.noise)
+    views, here, best = observations.only(chosen), twin, twin
+    gram, cost = np.zeros((len(chosen), 6, 6)), np.full(len(chosen), np.inf)
+    for step in range(_TWIN_STEPS + 1):
+        found = linearise(views, _by_themselves(alone.lens, here), _NO_LENS, alone.noise, True)
+        seen, normal = _chi_squares(views, found.squares, alone.noise), found.gram[:, :6, :6]
+        better = seen < cost
+        cost[better], gram[better] = seen[better], normal[better]
+        best = Pose(
+            np.where(better[:, None, None], here.rotation, best.rotation),
+            np.where(better[:, None], here.translation, best.translation),
+        )
+        if step < _TWIN_STEPS:
+            steps = np.linalg.solve(normal + _LEAST_INFORMATION * np.eye(6), found.gram[:, :6, 6:])[..., 0]
+            here = here.retract(steps)
+    return best, *_own_doubt(gram, cost)
 
 
 def _differs(first: Pose, other: Pose, covariance: Array) -> Array:
