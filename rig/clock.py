@@ -55,14 +55,14 @@ def motion(problem: Problem, rig_from_node: Pose) -> Motion | None:
     rows = _neighbours(problem, node_time)
     if not len(rows):
         return None
-    before, node, after = rows.T
+    node, one, other = rows.T
     here = rig_from_node[node]
-    back, forth = (node_time[before] - node_time[node])[:, None], (node_time[after] - node_time[node])[:, None]
-    step_back, step_forth = here.step_to(rig_from_node[before]), here.step_to(rig_from_node[after])
+    to_one, to_other = (node_time[one] - node_time[node])[:, None], (node_time[other] - node_time[node])[:, None]
+    step_one, step_other = here.step_to(rig_from_node[one]), here.step_to(rig_from_node[other])
     rate, bend = np.zeros((len(problem.nodes), 6)), np.zeros((len(problem.nodes), 6))
     # The parabola through both neighbours and the pose itself.
-    bend[node] = (step_forth / forth - step_back / back) / (forth - back)
-    rate[node] = step_forth / forth - bend[node] * forth
+    bend[node] = (step_other / to_other - step_one / to_one) / (to_other - to_one)
+    rate[node] = step_other / to_other - bend[node] * to_other
     known = np.isin(problem.node, node) & stamped
     seen = np.bincount(problem.camera[known], minlength=len(problem.cameras))
     return Motion(
@@ -74,16 +74,19 @@ def motion(problem: Problem, rig_from_node: Pose) -> Motion | None:
 
 
 def _neighbours(problem: Problem, node_time: Array) -> Array:
-    """Nodes (R, 3) of one moving rectangle, three in a row, near in time."""
+    """Nodes (R, 3) of one moving rectangle, each with its two nearest in time: before and after it, but at the ends
+    of a run of framesets both on one side."""
     by_rectangle: dict[str, list[int]] = {}
     for index, node in enumerate(problem.nodes):
         if node.frameset >= 0 and np.isfinite(node_time[index]):
             by_rectangle.setdefault(node.rectangle, []).append(index)
-    rows = []
+    rows: dict[int, tuple[int, int, int]] = {}
     for nodes in by_rectangle.values():
         ordered = sorted(nodes, key=lambda n: node_time[n])
         for before, node, after in zip(ordered, ordered[1:], ordered[2:], strict=False):
             gaps = node_time[node] - node_time[before], node_time[after] - node_time[node]
             if min(gaps) > 0 and max(gaps) < _LONGEST_GAP:
-                rows.append((before, node, after))
-    return np.array(rows, int).reshape(-1, 3)
+                rows[node] = node, before, after
+                rows.setdefault(before, (before, node, after))
+                rows[after] = after, before, node
+    return np.array(list(rows.values()), int).reshape(-1, 3)

@@ -40,11 +40,10 @@ def eliminate(normal: Normal, layout: Layout, free: Array, free_nodes: Array, da
     through = normal.pairs @ inverse[layout.pair_node]
     meeting = through[layout.meeting_left] @ np.swapaxes(normal.pairs[layout.meeting_right], -1, -2)
     blocks = -layout.meeting_by_block(meeting)
-    diagonal = layout.block_left == layout.block_right
+    diagonal = layout.diagonal
     blocks[diagonal] += _damped(normal.cameras, damping)[layout.block_left[diagonal]]
-    gradient = normal.camera_gradient.copy()
     pulled = (through @ normal.node_gradient[layout.pair_node][..., None])[..., 0]
-    np.subtract.at(gradient, layout.pair_camera, pulled)
+    gradient = normal.camera_gradient - layout.pair_by_camera(pulled)
     return Reduced(blocks, layout.block_left, layout.block_right, gradient, free, inverse)
 
 
@@ -56,7 +55,7 @@ def node_inverses(normal: Normal, damping: float = 0.0) -> Array:
 def _damped(blocks: Array, damping: float) -> Array:
     if damping == 0:
         return blocks
-    return blocks + damping * np.einsum("nij,ij->nij", blocks, np.eye(blocks.shape[-1]))
+    return blocks * (1 + damping * np.eye(blocks.shape[-1]))
 
 
 def solve_cameras(reduced: Reduced) -> Array:
@@ -73,8 +72,7 @@ def solve_for(reduced: Reduced, right: Array) -> Array:
 def node_steps(normal: Normal, layout: Layout, reduced: Reduced, camera_steps: Array) -> Array:
     """The steps (N, 6) of the rectangle poses that go with steps of the cameras."""
     pulled = (np.swapaxes(normal.pairs, -1, -2) @ camera_steps[layout.pair_camera][..., None])[..., 0]
-    gradient = normal.node_gradient.copy()
-    np.subtract.at(gradient, layout.pair_node, pulled)
+    gradient = normal.node_gradient - layout.pair_by_node(pulled)
     return (reduced.node_inverse @ gradient[..., None])[..., 0]
 
 

@@ -143,6 +143,8 @@ def _outvoted(problem: Problem, observations: Observations, judged: Judged, shar
 
 def _refuse_contradicted(problem: Problem, observations: Observations, judged: Judged) -> None:
     """Raises Contradicted for cameras that no View that was kept joins to the others."""
+    if not judged.rejected.any():
+        return
     kept = np.flatnonzero(~judged.rejected)
     loose = sorted(set(range(observations.cameras)) - set(joined_cameras(problem, kept)))
     if loose:

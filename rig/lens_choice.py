@@ -7,6 +7,7 @@ further fit is needed to compare the lenses.
 """
 
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 
@@ -159,8 +160,18 @@ def _principal_sigma(problem: Problem, away: Array, covariance: Array, free: Arr
 
 def _cost_of_neutral(away: Array, covariance: Array, prior_variance: Array) -> float:
     """Minus twice the log Bayes factor for parameters at their neutral values (Savage and Dickey)."""
-    _, log_determinant = np.linalg.slogdet(covariance)
-    return float(away @ np.linalg.solve(covariance, away) + log_determinant - np.log(prior_variance).sum())
+    return float(_costs_of_neutral(away, covariance, prior_variance, np.ones((1, len(away)), bool))[0])
+
+
+def _costs_of_neutral(away: Array, covariance: Array, prior_variance: Array, out: Array) -> Array:
+    """The same (M,) for those parameters (M, K) bool alone that a model does without."""
+    both = out[:, :, None] & out[:, None, :]
+    # Parameters that stay are unit rows: they add nothing to determinant or distance.
+    own = np.where(both, covariance, np.eye(len(away)))
+    distance = np.where(out, away, 0.0)
+    _, log_determinant = np.linalg.slogdet(own)
+    squares = (distance * np.linalg.solve(own, distance[..., None])[..., 0]).sum(axis=1)
+    return squares + log_determinant - np.where(out, np.log(prior_variance), 0.0).sum(axis=1)
 
 
 def _held_at(step: Array, covariance: Array, held: Array, value: Array) -> Array:
@@ -173,25 +184,26 @@ def _held_at(step: Array, covariance: Array, held: Array, value: Array) -> Array
     return step
 
 
-def _steps(mask: Array) -> int:
-    """How many times a lens was made more complex: radial pair, tangential pair, a further term, aspect."""
-    names = dict(zip(LENS_PARAMETERS, mask, strict=True))
-    return sum(int(names[name]) for name in ("k1", "p1", "k3", "aspect"))
+def _steps(masks: Array) -> Array:
+    """How many times a lens (M, 9) was made more complex: radial pair, tangential pair, a further term, aspect."""
+    return masks[:, [LENS_PARAMETERS.index(name) for name in ("k1", "p1", "k3", "aspect")]].sum(axis=1)
 
 
 def _choose(away: Array, covariance: Array, prior_variance: Array, fisheye: bool) -> tuple[Array, str]:
     """The model of highest evidence, and why. away (9,): from neutral; prior_variance (6,): of k1 to aspect."""
+    names, masks = _models(fisheye)
+    costs = _costs_of_neutral(away[3:], covariance[3:, 3:], prior_variance, ~masks[:, 3:])
+    costs = costs + 2 * _CONVINCING * _steps(masks)
+    best = min(range(len(names)), key=lambda index: (costs[index], len(names[index])))
+    if best == 0:
+        return masks[0], f"{names[0]}: no further term raises the evidence"
+    return masks[best], f"{names[best]}: log evidence {(costs[0] - costs[best]) / 2:.0f} above two radial terms"
+
+
+@cache
+def _models(fisheye: bool) -> tuple[tuple[str, ...], Array]:
+    """Names and parameters (M, 9) bool of the lenses to choose from, the simplest first."""
     models = _FISHEYE_MODELS if fisheye else _PINHOLE_MODELS
-    variance = np.concatenate([np.full(3, np.nan), prior_variance])
-    scores: dict[str, tuple[float, Array]] = {}
-    for name, names in models.items():
-        for label, extra in ((name, ()), (f"{name} aspect", ("aspect",))):
-            mask = _mask(names + extra)
-            out = ~mask
-            score = _cost_of_neutral(away[out], covariance[np.ix_(out, out)], variance[out]) if out.any() else 0.0
-            scores[label] = (score + 2 * _CONVINCING * _steps(mask), mask)
-    best = min(scores, key=lambda label: (scores[label][0], len(label)))
-    if best == next(iter(models)):
-        return scores[best][1], f"{best}: no further term raises the evidence"
-    odds = (scores[next(iter(models))][0] - scores[best][0]) / 2
-    return scores[best][1], f"{best}: log evidence {odds:.0f} above two radial terms"
+    names = [(label, ()) for label in models] + [(label, ("aspect",)) for label in models]
+    masks = np.stack([_mask(models[label] + more) for label, more in names])
+    return tuple(" ".join((label, *more)) for label, more in names), masks

@@ -88,7 +88,7 @@ def linearise(observations: Observations, state: State, columns: Array, noise: f
     for group in observations.groups:
         rows, square = _rows(group, state.lens[group.camera], chained[group.view], columns)
         weights, group_cost = _weighed(group, square, noise, robust)
-        if not np.isfinite(square).all():
+        if not np.isfinite(square.sum()):
             rows[~np.isfinite(rows)] = 0.0
         cost += group_cost
         squares.append(square)
@@ -116,14 +116,15 @@ def residual_squares(observations: Observations, state: State) -> tuple[Array, .
 def _weighed(group: ObservationGroup, square: Array, noise: float, robust: bool) -> tuple[Array, float]:
     """Weights (V, P) of the squared residuals and their cost in units of chi-square."""
     weights = group.weights / noise**2
-    scaled = square * weights
+    behind = ~np.isfinite(square)
+    lost = behind.any()
+    scaled = np.where(behind, 0.0, square) * weights if lost else square * weights
     if robust:
-        cost = _CAUCHY**2 * float(np.nansum(np.log1p(scaled / _CAUCHY**2)))
+        cost = _CAUCHY**2 * float(np.log1p(scaled / _CAUCHY**2).sum())
         weights = weights / (1 + scaled / _CAUCHY**2)
     else:
-        cost = float(np.nansum(scaled))
-    behind = ~np.isfinite(square)
-    if behind.any():
+        cost = float(scaled.sum())
+    if lost:
         cost += _BEHIND_COST * float((behind & (group.weights > 0)).sum())
         weights = np.where(behind, 0.0, weights)
     return weights, cost
@@ -132,14 +133,14 @@ def _weighed(group: ObservationGroup, square: Array, noise: float, robust: bool)
 def _rows(group: ObservationGroup, lens: Array, camera_from_rect: Pose, columns: Array) -> tuple[Array, Array]:
     """Rows (K + 7, V, 2, P) of derivatives and residual, and squared residuals (V, P)."""
     count, size = group.weights.shape
-    turned = np.moveaxis(camera_from_rect.rotation @ np.swapaxes(group.points, -1, -2), 1, 0).copy()
+    turned = (camera_from_rect.rotation @ np.swapaxes(group.points, -1, -2)).transpose(1, 0, 2).copy()
     located = turned + camera_from_rect.translation.T[:, :, None]
     wanted = len(columns)
     rows = np.zeros((wanted + 7, count, 2, size))
     by_lens: list[Array | None] = [None] * LENS
     for place, column in enumerate(columns):
-        by_lens[column] = np.moveaxis(rows[place], 1, 0)
-    by_point = np.moveaxis(rows[wanted + 3 : wanted + 6], 2, 1)
+        by_lens[column] = rows[place].swapaxes(0, 1)
+    by_point = rows[wanted + 3 : wanted + 6].swapaxes(1, 2)
     pixels = fill_projection_rows(lens.T[:, :, None], located, by_lens, by_point, group.model)
     for axis in range(3):
         # The step turns q = R p by omega x q; its product with the derivative by the point is omega . (q x g).
@@ -148,7 +149,7 @@ def _rows(group: ObservationGroup, lens: Array, camera_from_rect: Pose, columns:
             across = turned[a] * by_point[b, side]
             across -= turned[b] * by_point[a, side]
             rows[wanted + axis, :, side] = across
-    residual = np.moveaxis(rows[-1], 1, 0)
+    residual = rows[-1].swapaxes(0, 1)
     square = np.zeros((count, size))
     for side in range(2):
         left_over = group.pixels[..., side] - pixels[side]
@@ -162,7 +163,8 @@ class Layout:
     """Who meets whom, worked out once for a set of Views.
 
     A pair is a (node, camera) that share Views; a meeting is two pairs of one node, hence two cameras that the
-    node ties together. Sums over equal keys run along sorted orders (np.add.reduceat).
+    node ties together; a block is where the meetings of two cameras are summed, on the diagonal where they are one.
+    Sums over equal keys run along sorted orders (np.add.reduceat).
     """
 
     view_by_camera: "_Sum"
@@ -170,11 +172,14 @@ class Layout:
     view_by_pair: "_Sum"
     pair_node: Array
     pair_camera: Array
+    pair_by_node: "_Sum"
+    pair_by_camera: "_Sum"
     meeting_left: Array
     meeting_right: Array
     meeting_by_block: "_Sum"
     block_left: Array
     block_right: Array
+    diagonal: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -216,17 +221,20 @@ def layout(observations: Observations) -> Layout:
     pair_node, pair_camera = pairs // observations.cameras, pairs % observations.cameras
     left, right = _meetings(pair_node)
     blocks = _Sum.over(pair_camera[left] * observations.cameras + pair_camera[right])
+    block = np.divmod(blocks.keys, observations.cameras)
     return Layout(
         _Sum.over(camera, observations.cameras),
         _Sum.over(node, observations.nodes),
         pair_keys,
         pair_node,
         pair_camera,
+        _Sum.over(pair_node, observations.nodes),
+        _Sum.over(pair_camera, observations.cameras),
         left,
         right,
         _Sum(blocks.order, blocks.starts, np.arange(len(blocks.keys)), len(blocks.keys)),
-        blocks.keys // observations.cameras,
-        blocks.keys % observations.cameras,
+        *block,
+        np.flatnonzero(block[0] == block[1]),
     )
 
 

@@ -42,14 +42,16 @@ class Pose:
         """Exponential of a twist (..., 6) = (rotation vector, velocity): the screw motion it leads to."""
         twist = np.asarray(twist, float)
         vector, velocity = twist[..., :3], twist[..., 3:]
-        square = (vector**2).sum(axis=-1)[..., None, None]
+        square = (vector * vector).sum(axis=-1)[..., None, None]
         small = square < _SMALL_TWIST
         angle = np.sqrt(np.where(small, 1.0, square))
-        versine = np.where(small, 0.5 - square / 24, (1 - np.cos(angle)) / angle**2)
-        rest = np.where(small, 1 / 6 - square / 120, (angle - np.sin(angle)) / angle**3)
+        ratio = np.where(small, 1 - square / 6, np.sin(angle) / angle)
+        versine = np.where(small, 0.5 - square / 24, (1 - np.cos(angle)) / (angle * angle))
+        rest = np.where(small, 1 / 6 - square / 120, (1 - ratio) / (angle * angle))
         cross = cross_matrix(vector)
-        along = np.eye(3) + versine * cross + rest * (cross @ cross)
-        return Pose(rotation_from_vector(vector), (along @ velocity[..., None])[..., 0])
+        twice = cross @ cross
+        along = np.eye(3) + versine * cross + rest * twice
+        return Pose(np.eye(3) + ratio * cross + versine * twice, (along @ velocity[..., None])[..., 0])
 
     @staticmethod
     def from_matrix(matrix: Array) -> "Pose":
