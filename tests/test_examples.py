@@ -31,6 +31,14 @@ def test_rig_from_views() -> None:
         assert_within_sigmas(line)
 
 
+def test_has_it_moved(shared_data: Path) -> None:
+    example = [sys.executable, str(EXAMPLES / "05_has_it_moved.py"), str(shared_data / "floor")]
+    done = subprocess.run(example, capture_output=True, text=True, timeout=120, check=False)
+    assert done.returncode == 3, done.stderr
+    moved = [line.split(":")[0] for line in done.stdout.splitlines() if "moved by" in line]
+    assert moved[0] == "camera_00"
+
+
 def test_committed_configs_are_read() -> None:
     from quadrig.io.config import read_config
 
