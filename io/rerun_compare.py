@@ -11,7 +11,7 @@ from quadrig.rig.verdict import length
 
 from .palette import FAULT, STATIC, rig_colours
 from .rerun_rig import log_frustum, named_points
-from .rig_geometry import apart, extent, first_eye, positions
+from .rig_geometry import apart, extent, first_eye, positions, round_down
 
 
 def comparison_blueprint(first: Rig) -> Any:
@@ -21,7 +21,12 @@ def comparison_blueprint(first: Rig) -> Any:
     from .rerun_blueprint import space_view
 
     words = rrb.TextDocumentView(origin="summary", name="differences")
-    return rrb.Blueprint(rrb.Vertical(space_view(first), words, row_shares=[3, 2]), collapse_panels=True)
+    return rrb.Blueprint(
+        rrb.Vertical(space_view(first), words, row_shares=[3, 2]),
+        rrb.TimePanel(state="hidden"),
+        rrb.SelectionPanel(state="hidden"),
+        rrb.BlueprintPanel(state="hidden"),
+    )
 
 
 def log_comparison(recording: Any, first: Rig, second: Rig, found: Comparison, sentences: Sequence[str]) -> None:
@@ -43,7 +48,7 @@ def log_comparison(recording: Any, first: Rig, second: Rig, found: Comparison, s
     scale = _arrow_scale(first, found)
     origins = [first.camera(one.name).rig_from_camera.translation for one in found.cameras]
     vectors = [scale * one.step[3:] for one in found.cameras]
-    arrows = rr.Arrows3D(origins=origins, vectors=vectors, colors=[FAULT], radii=0.003 * size)
+    arrows = rr.Arrows3D(origins=origins, vectors=vectors, colors=[FAULT], radii=0.004 * size)
     recording.log("space/shifts", arrows, static=True)
     text = rr.TextDocument(_markdown(found, sentences, scale), media_type="text/markdown")
     recording.log("summary", text, static=True)
@@ -53,7 +58,7 @@ def _arrow_scale(rig: Rig, found: Comparison) -> float:
     longest = max((one.shift for one in found.cameras), default=0.0)
     if not longest > 0:
         return 1.0
-    return max(float(10.0 ** np.floor(np.log10(0.15 * extent(rig) / longest))), 1.0)
+    return max(round_down(0.2 * extent(rig) / longest), 1.0)
 
 
 def _markdown(found: Comparison, sentences: Sequence[str], scale: float) -> str:

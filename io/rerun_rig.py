@@ -19,7 +19,7 @@ from quadrig.single.pose import Pose
 from quadrig.single.rotation import Array
 
 from .palette import FAULT, FINE, FOUND, MOVED, MOVING, PREDICTED, STATIC, Colour, rig_colours
-from .rig_geometry import apart, ellipsoid, extent, first_eye, magnification, outlines, positions, rises
+from .rig_geometry import apart, ellipsoid, extent, first_eye, magnification, outlines, positions, rises, round_down
 from .verdict_text import verdict_markdown
 
 _SIDE_POINTS = 12
@@ -74,9 +74,7 @@ def set_frameset(recording: Any, frameset: int, times: Sequence[int]) -> None:
 def arrow_scale(rig: Rig, camera: Camera) -> float:
     """How many times longer than they are residuals are drawn, a round number."""
     usual = camera.rms if np.isfinite(camera.rms) and camera.rms > 0 else 1.0
-    factor = max(_ARROW * camera.intrinsics.width / usual, 1.0)
-    step = 10.0 ** np.floor(np.log10(factor))
-    return float(step * next(digit for digit in (5, 2, 1) if digit * step <= factor))
+    return max(round_down(_ARROW * camera.intrinsics.width / usual), 1.0)
 
 
 def log_frustum(recording: Any, path: str, camera: Camera, pose: Pose, colour: Colour, size: float) -> None:

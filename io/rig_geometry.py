@@ -64,9 +64,13 @@ def magnification(rig: Rig) -> float:
     largest = max((ellipsoid(rig.pose_covariance(camera.name)[3:, 3:])[0].max() for camera in rig.cameras), default=0)
     if not largest > 0:
         return 1.0
-    factor = 0.04 * extent(rig) / largest
+    return max(round_down(0.04 * extent(rig) / largest), 1.0)
+
+
+def round_down(factor: float) -> float:
+    """The largest of 1, 2, 5, 10, 20, ... or their fractions that is no more than a positive factor."""
     step = 10.0 ** np.floor(np.log10(factor))
-    return float(max(step * next(digit for digit in (5, 2, 1) if digit * step <= factor), 1.0))
+    return float(step * next(digit for digit in (5, 2, 1) if digit * step <= factor))
 
 
 def level_axes(rig: Rig) -> Array:

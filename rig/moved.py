@@ -34,6 +34,7 @@ from .outliers import USUAL_WEIGHT, noise_of
 from .problem import Problem, build_problem
 from .result import CAMERA_PARAMETERS, Rig
 from .start import start
+from .verdict import length
 
 State = Literal["unmoved", "moved", "cannot tell"]
 
@@ -328,6 +329,6 @@ def _answer(evidence: _Evidence, others: list[int], index: int, sigmas: float) -
         float(np.sqrt(max(turn_doubt.sum(), 0))),
         float(f.sf(_gain(evidence, others, index) / _FREEDOMS, _FREEDOMS, evidence.freedom[index])),
         found,
-        why=f"it would have to move by {found:.2g} m to be noticed; show more rectangles to it" if blind else "",
+        why=f"it would have to move by {length(found)} to be noticed; show more rectangles to it" if blind else "",
         covariance=doubt,
     )
