@@ -15,23 +15,25 @@ from typing import Any
 
 import numpy as np
 
-from quadrig.rig.result import PlacedRectangle, Rig
+from quadrig.rig.advice import millimetres
+from quadrig.rig.result import Camera, Rig
 from quadrig.single.errors import QuadrigError
+from quadrig.single.pose import Pose
 from quadrig.single.rectangle import Rectangle
 from quadrig.single.rotation import Array
 from quadrig.single.view import View
 
+from .banner import banner
 from .frame import Frame
+from .palette import camera_colours
+from .rig_geometry import RING, ellipsoid, extent, outlines
 from .setup_state import SetupState
 
-_RING = [0, 1, 2, 3, 0]
-# Told apart by eye and by most who see few colours (after Okabe and Ito), readable on dark and on light.
-_COLOURS = [
-    [230, 159, 0], [86, 180, 233], [0, 158, 115], [204, 121, 167], [213, 94, 0], [0, 114, 178], [170, 160, 40],
-]  # fmt: skip
-_GHOST, _SHEET = [90, 220, 120], [200, 190, 150]
-# Ellipsoids show this many sigmas, so that a rig of a few millimetres has some that can be seen.
-_SIGMAS = 3.0
+_GHOST, _SHEET = (90, 220, 120), (200, 190, 150)
+_SAID, _FAULT, _DONE = (235, 235, 235), (255, 180, 60), _GHOST
+# Ellipsoids of one sigma are drawn so many times as large, at most as this part of the rig's extent: millimetres
+# in a room are seen, and seen to shrink.
+_MAGNIFIED, _LARGEST = 50.0, 0.1
 # A viewer that is opened needs this long (s) to listen, a slow machine more; one without a display dies in a tenth.
 _OPENING_SECONDS, _WINDOW_SECONDS = 15.0, 1.0
 # What is shown is about this wide (px): four of them fill a screen, and a viewer decodes them in no time.
@@ -62,6 +64,7 @@ class RerunScreen:
 
         self._rr: Any = rr
         self._cameras, self._rectangles = tuple(cameras), {r.name: r for r in rectangles}
+        self._colours = camera_colours(cameras)
         self._shrinks: dict[str, int] = {}
         self._recording = rr.RecordingStream("quadrig setup")
         self._sentence, self._rig, self._advice, self._kept = "", None, None, -1
@@ -153,25 +156,21 @@ class RerunScreen:
             path,
             rr.LineStrips2D(
                 lines,
-                colors=[self._colour(camera)] * len(lines),
+                colors=[self._colours[camera]] * len(lines),
                 radii=rr.Radius.ui_points(2.5),
                 labels=[view.rectangle for view in views],
             ),
         )
 
-    def _colour(self, camera: str) -> list[int]:
-        return _COLOURS[self._cameras.index(camera) % len(_COLOURS)]
-
     def _log_sentence(self, state: SetupState) -> None:
-        rr = self._rr
-        note = f"\n\n{state.note}" if state.note else ""
-        document = rr.TextDocument(f"# {state.sentence}{note}", media_type=rr.MediaType.MARKDOWN)
-        self._recording.log("sentence", document)
+        done = state.advice is not None and state.advice.kind == "done"
+        picture = banner(state.sentence, state.note, _FAULT if state.fault else _DONE if done else _SAID)
+        self._recording.log("sentence", self._rr.EncodedImage(contents=picture, media_type="image/png"))
 
     def _log_rig(self, rig: Rig) -> None:
         rr = self._rr
         for camera in rig.cameras:
-            path, colour = f"cameras/{camera.name}", self._colour(camera.name)
+            path, colour = f"cameras/{camera.name}", self._colours[camera.name]
             pose, lens = camera.rig_from_camera, camera.intrinsics
             shrink = self._shrinks.get(camera.name, 1)
             self._recording.log(path, rr.Transform3D(translation=pose.translation, mat3x3=pose.rotation))
@@ -182,27 +181,39 @@ class RerunScreen:
                     principal_point=self._shown(camera.name, lens.principal_point),
                     resolution=[-(-lens.width // shrink), -(-lens.height // shrink)],
                     camera_xyz=rr.ViewCoordinates.RDF,
-                    image_plane_distance=0.25 * _extent(rig),
+                    image_plane_distance=0.08 * extent(rig),
                     color=colour,
                     line_width=rr.Radius.ui_points(2.0),
                 ),
             )
-            half, axes = _ellipsoid(rig.pose_covariance(camera.name)[3:, 3:])
-            self._recording.log(
-                f"doubt/{camera.name}",
-                rr.Transform3D(translation=pose.translation, mat3x3=axes),
-                rr.Ellipsoids3D(half_sizes=[half], colors=[colour], fill_mode=rr.components.FillMode.DenseWireframe),
-            )
-        places = [camera.rig_from_camera.translation for camera in rig.cameras]
-        colours = [self._colour(camera.name) for camera in rig.cameras]
-        names = [camera.name for camera in rig.cameras]
-        self._recording.log(
-            "names",
-            rr.Points3D(places, colors=colours, labels=names, radii=rr.Radius.ui_points(2.0), show_labels=True),
+            self._log_doubt(rig, camera)
+        names = rr.Points3D(
+            [camera.rig_from_camera.translation for camera in rig.cameras],
+            colors=[self._colours[camera.name] for camera in rig.cameras],
+            labels=[_label(rig, camera.name) for camera in rig.cameras],
+            radii=rr.Radius.ui_points(2.0),
+            show_labels=True,
         )
-        placed = [_outlines(p) for p in rig.rectangles]
-        outlines = np.concatenate(placed) if placed else np.zeros((0, 5, 3))
-        self._recording.log("sheets", rr.LineStrips3D(list(outlines), colors=_SHEET, radii=rr.Radius.ui_points(1.0)))
+        self._recording.log("names", names)
+        placed = [outlines(p) for p in rig.rectangles]
+        rings = np.concatenate(placed) if placed else np.zeros((0, 5, 3))
+        self._recording.log("sheets", rr.LineStrips3D(list(rings), colors=_SHEET, radii=rr.Radius.ui_points(1.0)))
+
+    def _log_doubt(self, rig: Rig, camera: Camera) -> None:
+        rr = self._rr
+        sigmas, axes = ellipsoid(rig.pose_covariance(camera.name)[3:, 3:])
+        if not sigmas.max() > 0:
+            return
+        factor = min(_MAGNIFIED, _LARGEST * extent(rig) / sigmas.max())
+        drawn = rr.Ellipsoids3D(
+            # A sigma far below the others' would be drawn as a sheet of no thickness, which flickers.
+            half_sizes=[factor * np.maximum(sigmas, 0.03 * sigmas.max())],
+            centers=[camera.rig_from_camera.translation],
+            quaternions=[rr.Quaternion(xyzw=Pose(axes, np.zeros(3)).quaternion())],
+            colors=[self._colours[camera.name]],
+            fill_mode="majorwireframe",
+        )
+        self._recording.log(f"doubt/{camera.name}", drawn)
 
     def _log_ghost(self, state: SetupState) -> None:
         rr, advice = self._rr, state.advice
@@ -223,7 +234,7 @@ class RerunScreen:
         self._recording.log(
             "ghost/outline",
             rr.LineStrips3D(
-                [corners[_RING]], colors=[_GHOST], radii=rr.Radius.ui_points(3.0), labels=["hold it here"]
+                [corners[RING]], colors=[_GHOST], radii=rr.Radius.ui_points(3.0), labels=["hold it here"]
             ),
         )
         self._log_ghost_in_pictures(state, corners)
@@ -240,7 +251,7 @@ class RerunScreen:
             if np.isfinite(pixels).all():
                 # Without a label: it would lie on the sheet's own whenever the sheet is nearly there.
                 line = rr.LineStrips2D(
-                    [self._shown(name, pixels[_RING])], colors=[_GHOST], radii=rr.Radius.ui_points(3.0)
+                    [self._shown(name, pixels[RING])], colors=[_GHOST], radii=rr.Radius.ui_points(3.0)
                 )
                 self._recording.log(path, line)
             else:
@@ -254,7 +265,7 @@ class RerunScreen:
             rr.GraphNodes(
                 node_ids=list(self._cameras),
                 labels=list(self._cameras),
-                colors=[self._colour(camera) for camera in self._cameras],
+                colors=[self._colours[camera] for camera in self._cameras],
                 radii=[14.0] * len(self._cameras),
             ),
             rr.GraphEdges(edges=list(counts), graph_type="undirected"),
@@ -281,10 +292,14 @@ def layout(cameras: Sequence[str]) -> Any:
     import rerun.blueprint as rrb
 
     pictures = [rrb.Spatial2DView(origin=f"cameras/{name}/image", name=name) for name in cameras]
-    space = rrb.Spatial3DView(origin="/", name="rig", contents=["+ $origin/**", "- $origin/cameras/*/image/ghost"])
+    space = rrb.Spatial3DView(
+        origin="/",
+        name=f"rig (doubts {_MAGNIFIED:.0f} times as large)",
+        contents=["+ $origin/**", "- $origin/cameras/*/image/ghost", "- $origin/sentence"],
+    )
     return rrb.Blueprint(
         rrb.Vertical(
-            rrb.TextDocumentView(origin="sentence", name="do this"),
+            rrb.Spatial2DView(origin="sentence", name="do this", background=[13, 13, 13]),
             rrb.Horizontal(
                 rrb.Grid(*pictures, grid_columns=1 if len(cameras) < 2 else 2),
                 rrb.Vertical(space, rrb.GraphView(origin="graph", name="who shares sheets"), row_shares=[3, 1]),
@@ -384,25 +399,12 @@ def _hull(pixels: Array) -> Array:
     import cv2
 
     if len(pixels) == 4:
-        return pixels[_RING]
+        return pixels[RING]
     hull = cv2.convexHull(pixels.astype(np.float32))[:, 0]
     return np.concatenate([hull, hull[:1]])
 
 
-def _outlines(placed: PlacedRectangle) -> Array:
-    pose = placed.rig_from_rect
-    batch = pose if pose.translation.ndim == 2 else pose[None]
-    return batch[:, None].transform(placed.rectangle.corners[_RING])
-
-
-def _extent(rig: Rig) -> float:
-    """A length that suits the rig: the median distance of its cameras from their middle."""
-    places = np.array([camera.rig_from_camera.translation for camera in rig.cameras])
-    return float(max(np.median(np.linalg.norm(places - places.mean(0), axis=1)), 0.05))
-
-
-def _ellipsoid(covariance: Array) -> tuple[Array, Array]:
-    """Half sizes (3,), of _SIGMAS sigmas, and axes (3, 3), right-handed, of a covariance of positions."""
-    variances, axes = np.linalg.eigh(covariance)
-    axes = axes * np.sign(np.linalg.det(axes))
-    return _SIGMAS * np.sqrt(np.maximum(variances, 0)) + 1e-6, axes
+def _label(rig: Rig, name: str) -> str:
+    """A camera's name and how sure its place is; the reference's is so by definition."""
+    sigma = rig.position_sigma(name)
+    return f"{name} ± {millimetres(sigma)}" if sigma > 0 else name
