@@ -178,18 +178,19 @@ def _vote(
     """The candidate that most rectangle poses agree with, averaged with all that do."""
     distance = _disagreement(poses, poses, rotation, translation, rotation, translation)
     weight = np.where(distance < _AGREES, np.exp(-0.5 * distance**2 - 0.25 * cost[None, :]), 0.0)
-    by_node = _largest_by_key(weight, node)
+    # Candidates of one rectangle pose stand together.
+    starts = np.flatnonzero(np.diff(node, prepend=-1))
+    by_node = np.maximum.reduceat(weight, starts, axis=1)
     # Among equals (one shared rectangle pose) the likelihood of the candidate itself decides.
     winner = int(np.argmax(by_node.sum(axis=1) - 1e-3 * cost))
-    agreeing = weight[winner] > 0
     # One candidate a rectangle pose: the one nearest to the winner.
-    keep = agreeing & (weight[winner] >= _largest_by_key(weight[winner : winner + 1], node, spread=True)[0])
+    nearest = np.repeat(by_node[winner], np.diff(starts, append=len(node)))
+    keep = (weight[winner] > 0) & (weight[winner] >= nearest)
     share = np.where(keep, 1 / translation**2, 0.0)
     turn = nearest_rotation(np.einsum("k,kij->ij", np.where(keep, 1 / rotation**2, 0.0), poses.rotation))
-    place = (share[:, None] * poses.translation).sum(axis=0) / share.sum()
+    place = share @ poses.translation / share.sum()
     spread = 1 / np.sqrt(np.where(keep, 1 / (rotation**2 + translation**2), 0.0).sum())
-    support = len(np.unique(node[keep]))
-    return Relative(left, right, Pose(turn, place), support, len(np.unique(node)), float(spread))
+    return Relative(left, right, Pose(turn, place), int((by_node[winner] > 0).sum()), len(starts), float(spread))
 
 
 def _disagreement(
@@ -203,18 +204,6 @@ def _disagreement(
         angle**2 / (rotation_a[:, None] ** 2 + rotation_b[None] ** 2)
         + gap**2 / (translation_a[:, None] ** 2 + translation_b[None] ** 2)
     )
-
-
-def _largest_by_key(values: Array, key: Array, spread: bool = False) -> Array:
-    """Largest value of each row (R, K) over equal keys: (R, distinct keys), or spread back to (R, K)."""
-    order = np.argsort(key, kind="stable")
-    _, starts, inverse = np.unique(key[order], return_index=True, return_inverse=True)
-    largest = np.maximum.reduceat(values[:, order], starts, axis=1)
-    if not spread:
-        return largest
-    result = np.empty_like(values)
-    result[:, order] = largest[:, inverse]
-    return result
 
 
 def _chain(cameras: int, relatives: list[Relative], reference: int) -> tuple[Pose, Array]:

@@ -202,12 +202,14 @@ def _fill_radial_tangential(
         x, y = points[0] * inverse_depth, points[1] * inverse_depth
     xx, yy, xy = x * x, y * y, x * y
     square = xx + yy
-    higher = k2 + square * k3 if np.any(k3) else k2
-    linear = k1 + square * higher
-    radial = 1 + square * linear
-    slope = 2 * (linear + square * (higher + square * k3 if np.any(k3) else higher))
-    distorted_x, distorted_y = x * radial, y * radial
-    x_by_x, y_by_y, mixed = radial + xx * slope, radial + yy * slope, xy * slope
+    distorted_x, distorted_y, x_by_x, y_by_y, mixed = x, y, np.ones_like(x), np.ones_like(x), np.zeros_like(x)
+    if np.any(k1) or np.any(k2) or np.any(k3):
+        higher = k2 + square * k3
+        linear = k1 + square * higher
+        radial = 1 + square * linear
+        slope = 2 * (linear + square * (higher + square * k3))
+        distorted_x, distorted_y = x * radial, y * radial
+        x_by_x, y_by_y, mixed = radial + xx * slope, radial + yy * slope, xy * slope
     if any(by_distortion[place] is not None for place in (0, 1, 4)):
         power_x, power_y = focal_x * square * x, focal_y * square * y
         for row in (by_distortion[0], by_distortion[1], by_distortion[4]):
