@@ -65,7 +65,7 @@ def undistorted(picture: Path, matrix: np.ndarray, distortion: np.ndarray) -> np
 def main() -> int:
     """Make rig.mcap and a folder of pictures for each camera, and ask `rig check`."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("folder", type=Path, help="with output.json and images/camera_01.jpg to camera_15.jpg")
+    parser.add_argument("folder", type=Path, help="with output.json and floor/camera_01.jpg to camera_15.jpg")
     folder = parser.parse_args().folder
     given = json.loads((folder / "output.json").read_text())
     rig = given_rig(given)
@@ -74,7 +74,7 @@ def main() -> int:
         write_rig(out / "rig.mcap", rig, CONFIG)
         for index, camera in enumerate(rig.cameras):
             (out / "later" / camera.name).mkdir(parents=True)
-            picture = folder / "images" / f"camera_{index + 1:02d}.jpg"
+            picture = next(folder.glob(f"*/camera_{index + 1:02d}.jpg"))
             flat = undistorted(picture, halved(given["K"][index]), np.array(given["d"][index]))
             cv2.imwrite(str(out / "later" / camera.name / "0.jpg"), flat)
         return run(["check", str(out / "rig.mcap"), str(out / "later")])
