@@ -40,6 +40,7 @@ _OPENING_SECONDS, _WINDOW_SECONDS = 15.0, 1.0
 _PICTURE_WIDTH = 640
 # Seconds from moment to moment in a viewer at least, and that it may take to accept one.
 _SHORTEST, _SLOWEST = 1 / 15, 2.0
+_NICE = 5
 # What a viewer keeps of a session: pictures of a few minutes.
 _MEMORY = "512MiB"
 
@@ -333,6 +334,9 @@ class Viewer:
         self._process = subprocess.Popen(
             command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True
         )
+        if hasattr(os, "setpriority"):
+            # Drawing takes all it can get, in software most of all: the search comes first.
+            os.setpriority(os.PRIO_PROCESS, self._process.pid, _NICE)
         self._wait_for(port)
 
     @property

@@ -77,7 +77,8 @@ def _cameras(state: SetupState):
         if state.rig is not None and source.name in placed:
             camera = state.rig.camera(source.name)
             focal = f"{camera.intrinsics.focal:.0f} ± {state.rig.focal_sigma(source.name):.1f} px"
-            place = f"± {millimetres(state.rig.position_sigma(source.name))}"
+            sigma = state.rig.position_sigma(source.name)
+            place = f"± {millimetres(sigma)}" if sigma > 0 else "the reference"
         pace = f"{source.rate:.0f}" if source.condition in ("running", "ended") else source.condition
         table.add_row(source.name, pace, sees or "-", str(kept), focal, place)
     return table
