@@ -62,7 +62,8 @@ def _items(sentences: tuple[str, ...]) -> str:
 
 def _cameras_table(rig: Rig) -> str:
     heads = ("camera", "focal px", "position m", "± position", "± turn", "RMS px", "left out px", "Views", "covered")
-    rows = [_table_row(rig, camera) for camera in rig.cameras]
+    cover = coverage(rig)
+    rows = [_table_row(rig, camera, cover[camera.name]) for camera in rig.cameras]
     return (
         f"<h2>Cameras</h2><p>Positions in the rig frame, that of {escape(rig.reference)}: x right, y down, z ahead "
         "where it is a camera.</p><table><tr>"
@@ -71,7 +72,7 @@ def _cameras_table(rig: Rig) -> str:
     )
 
 
-def _table_row(rig: Rig, camera: Camera) -> str:
+def _table_row(rig: Rig, camera: Camera, cover: float) -> str:
     name, place = camera.name, camera.rig_from_camera.translation
     cells = [
         f'<span style="color:{hexadecimal(rig_colours(rig)[name])}">●</span> {escape(name)}',
@@ -82,7 +83,7 @@ def _table_row(rig: Rig, camera: Camera) -> str:
         _figure(camera.rms),
         _figure(camera.left_out_rms),
         str(camera.views),
-        f"{100 * coverage(rig.fits, camera):.0f} %",
+        f"{100 * cover:.0f} %",
     ]
     return "<tr>" + "".join(f"<td>{cell}</td>" for cell in cells) + "</tr>"
 

@@ -24,6 +24,8 @@ _CAUCHY = 2.385
 # Chi-square that a point behind its camera costs: more than any point in front of it (Cauchy's loss of 300 sigma),
 # and flat, so that it neither pulls nor makes the whole cost undefined.
 _BEHIND_COST = 55.0
+# So many points are linearised at a time: what they need fits into a processor's second-level cache.
+_AT_ONCE = 8192
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,19 +88,29 @@ def linearise(observations: Observations, state: State, columns: Array, noise: f
     gram = np.zeros((len(observations.camera), len(columns) + 7, len(columns) + 7))
     cost, squares = 0.0, []
     for group in observations.groups:
-        rows, square = _rows(group, state.lens[group.camera], chained[group.view], columns)
-        weights, group_cost = _weighed(group, square, noise, robust)
-        if not np.isfinite(square.sum()):
-            rows[~np.isfinite(rows)] = 0.0
-        cost += group_cost
-        squares.append(square)
-        uniform = weights.min(initial=np.inf) == weights.max(initial=-np.inf)
-        if not uniform:
-            rows *= np.sqrt(weights)[:, None, :]
-        flat = rows.reshape(len(rows), len(weights), -1).transpose(1, 0, 2)
-        product = flat @ np.swapaxes(flat, -1, -2)
-        gram[group.view] = product * weights.flat[0] if uniform else product
+        seen = []
+        for part in group.parts(_AT_ONCE):
+            gram[part.view], square, own = _gram(part, state, chained, columns, noise, robust)
+            seen.append(square)
+            cost += own
+        squares.append(seen[0] if len(seen) == 1 else np.concatenate(seen))
     return Linearised(gram, cost, tuple(squares))
+
+
+def _gram(
+    group: ObservationGroup, state: State, chained: Pose, columns: Array, noise: float, robust: bool
+) -> tuple[Array, Array, float]:
+    """Gram matrices (V, K+7, K+7), squared residuals (V, P) px^2 and cost of some Views."""
+    rows, square = _rows(group, state.lens[group.camera], chained[group.view], columns)
+    weights, cost = _weighed(group, square, noise, robust)
+    if not np.isfinite(square.sum()):
+        rows[~np.isfinite(rows)] = 0.0
+    uniform = weights.min(initial=np.inf) == weights.max(initial=-np.inf)
+    if not uniform:
+        rows *= np.sqrt(weights)[:, None, :]
+    flat = rows.reshape(len(rows), len(weights), -1).transpose(1, 0, 2)
+    product = flat @ np.swapaxes(flat, -1, -2)
+    return product * weights.flat[0] if uniform else product, square, cost
 
 
 def residual_squares(observations: Observations, state: State) -> tuple[Array, ...]:

@@ -1,6 +1,6 @@
 """Views laid out as arrays: which camera, which rectangle pose, which points, padded so that no loop is needed."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -26,6 +26,20 @@ class ObservationGroup:
     weights: Array
     share: Array
     model: LensModel
+
+    def part(self, rows: slice | Array) -> "ObservationGroup":
+        """Some of the Views."""
+        arrays = (self.view, self.camera, self.node, self.points, self.pixels, self.weights, self.share)
+        return ObservationGroup(*(each[rows] for each in arrays), self.model)
+
+    def parts(self, points: int) -> Iterator["ObservationGroup"]:
+        """All Views in turn, so many at a time that they hold about that many points."""
+        step = max(points // max(self.weights.shape[1], 1), 1)
+        if step >= len(self.view):
+            yield self
+            return
+        for begin in range(0, len(self.view), step):
+            yield self.part(slice(begin, begin + step))
 
     @property
     def certainty(self) -> Array:
@@ -54,8 +68,7 @@ class Observations:
         for g in self.groups:
             rows = np.flatnonzero(chosen[g.view])
             if len(rows):
-                parts = (a[rows] for a in (g.view, g.camera, g.node, g.points, g.pixels, g.weights, g.share))
-                groups.append(ObservationGroup(*parts, g.model))
+                groups.append(g.part(rows))
         return Observations(tuple(groups), self.camera, self.node, self.cameras, self.nodes)
 
     def thinned(self, most: int) -> "Observations":

@@ -4,6 +4,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from quadrig.single.rotation import Array
+
 from .result import Camera, Rig, ViewFit
 
 # Above this many per cent the focal is what limits distances that a camera tells.
@@ -23,9 +25,9 @@ _GRID = 4
 
 def weaknesses(rig: Rig) -> tuple[str, ...]:
     """Sentences, the gravest first."""
-    sentences = []
+    sentences, cover = [], coverage(rig)
     for camera in rig.cameras:
-        sentences += _of_camera(rig, camera)
+        sentences += _of_camera(rig, camera, cover[camera.name])
     if np.isfinite(rig.left_out_rms) and rig.left_out_rms > max(_WORSE_LEFT_OUT * rig.rms, rig.rms + _NOTABLE):
         sentences.append(
             f"framesets left out of the fit miss by {rig.left_out_rms:.2f} px against {rig.rms:.2f} px of the fit: "
@@ -35,7 +37,7 @@ def weaknesses(rig: Rig) -> tuple[str, ...]:
     return tuple(sentences)
 
 
-def _of_camera(rig: Rig, camera: Camera) -> list[str]:
+def _of_camera(rig: Rig, camera: Camera, cover: float) -> list[str]:
     sentences = []
     sigma = rig.focal_sigma(camera.name) / camera.intrinsics.focal
     if not camera.observable_focal:
@@ -55,7 +57,6 @@ def _of_camera(rig: Rig, camera: Camera) -> list[str]:
             f"{camera.name}: takes its pictures {1000 * abs(camera.clock_offset):.0f} ms {when} than its stamps say, "
             "against the mean of the cameras; allowed for here, but other software will not know"
         )
-    cover = coverage(rig.fits, camera)
     if len(camera.free_lens) > 3 and cover < _LITTLE_COVER:
         sentences.append(
             f"{camera.name}: corners covered {100 * cover:.0f} % of its picture; its lens is a guess in the rest"
@@ -63,14 +64,18 @@ def _of_camera(rig: Rig, camera: Camera) -> list[str]:
     return sentences
 
 
-def coverage(fits: Sequence[ViewFit], camera: Camera) -> float:
-    """Share of the fields of a 4 x 4 grid over the picture in which corners were used."""
-    pixels = [fit.view.pixels[fit.used] for fit in fits if fit.view.camera == camera.name]
-    if not pixels:
-        return 0.0
-    size = np.array([camera.intrinsics.width, camera.intrinsics.height])
-    field = np.clip(np.concatenate(pixels) / size * _GRID, 0, _GRID - 1).astype(int)
-    return len(np.unique(field @ np.array([1, _GRID]))) / _GRID**2
+def coverage(rig: Rig) -> dict[str, float]:
+    """For each camera the share of the fields of a 4 x 4 grid over its picture in which corners were used."""
+    pixels: dict[str, list[Array]] = {camera.name: [np.zeros((0, 2))] for camera in rig.cameras}
+    for fit in rig.fits:
+        if fit.view.camera in pixels:
+            pixels[fit.view.camera].append(fit.view.pixels[fit.used])
+    shares = {}
+    for camera in rig.cameras:
+        size = np.array([camera.intrinsics.width, camera.intrinsics.height])
+        field = np.clip(np.concatenate(pixels[camera.name]) / size * _GRID, 0, _GRID - 1).astype(int)
+        shares[camera.name] = len(np.unique(field @ np.array([1, _GRID]))) / _GRID**2
+    return shares
 
 
 def _rejected(fits: Sequence[ViewFit]) -> list[str]:
