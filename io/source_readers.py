@@ -25,7 +25,6 @@ from .image_folder import IMAGE_SUFFIXES
 _NETWORK_PATIENCE = 3.0
 # Folders of pictures carry no clock: they play at a rate a person can follow.
 _FOLDER_PERIOD_NS = 100_000_000
-_SECOND = 1_000_000_000
 # FFmpeg's AV_LOG_QUIET.
 _SILENT = -8
 
