@@ -11,7 +11,7 @@ from quadrig.rig.verdict import contradiction_limit
 from quadrig.single.rotation import Array
 
 from .palette import FAULT, FINE, MOVING, PREDICTED, STATIC, Colour, hexadecimal, rig_colours
-from .rerun_rig import arrow_scale, edge_widths, graph_edges, residual_histogram
+from .rerun_rig import arrow_scale, edge_widths, graph_edges, residual_arrows, residual_histogram
 from .rig_geometry import ellipsoid, extent, level_axes, magnification, outlines, positions
 from .svg import Plot
 
@@ -139,7 +139,7 @@ def field(rig: Rig, camera: Camera) -> str:
                 plot.box(low, high, _COVERED, 0.12 + 0.4 * float(np.sqrt(held.counts[row, column] / most)))
     chosen = _some(len(held.pixels), _MOST_ARROWS)
     starts = held.pixels[chosen] - held.residuals[chosen]
-    ends = starts + arrow_scale(rig, camera) * held.residuals[chosen]
+    ends = starts + residual_arrows(rig, camera, held.residuals[chosen])
     plot.segments(starts, ends, hexadecimal(PREDICTED))
     plot.xlabel = f"residuals drawn {arrow_scale(rig, camera):.0f} times longer"
     return plot.svg(f"{camera.name}: residuals over the picture, and where corners were")

@@ -4,21 +4,25 @@ from typing import Any
 
 import numpy as np
 
-from quadrig.rig.result import Rig
+from quadrig.rig.result import Camera, Rig
 
 from .rerun_rig import arrow_scale
 from .rig_geometry import bounds, extent, first_eye, positions
+
+# So much of a picture's size is seen around it: its frame stays in view.
+_MARGIN = 0.02
 
 
 def rig_blueprint(rig: Rig) -> Any:
     """A rerun.blueprint.Blueprint for what rerun_rig.log_rig logs."""
     import rerun.blueprint as rrb
 
-    pictures = [_picture(camera.name) for camera in rig.cameras]
+    pictures = [_picture(camera, f"space/cameras/{camera.name}", camera.name) for camera in rig.cameras]
     fields = [
-        rrb.Spatial2DView(
-            origin=f"field/{camera.name}",
-            name=f"{camera.name}: residuals x{arrow_scale(rig, camera):.0f}, coverage",
+        _picture(
+            camera,
+            f"field/{camera.name}",
+            f"{camera.name}: residuals x{arrow_scale(rig, camera):.0f}, coverage",
         )
         for camera in rig.cameras
     ]
@@ -55,10 +59,14 @@ def rig_blueprint(rig: Rig) -> Any:
     )
 
 
-def _picture(name: str) -> Any:
+def _picture(camera: Camera, origin: str, name: str) -> Any:
+    """A view of just what a camera sees, whatever reaches beyond."""
     import rerun.blueprint as rrb
 
-    return rrb.Spatial2DView(origin=f"space/cameras/{name}", name=name)
+    lens = camera.intrinsics
+    across, down = _MARGIN * lens.width, _MARGIN * lens.height
+    bounds = rrb.VisualBounds2D(x_range=[-across, lens.width + across], y_range=[-down, lens.height + down])
+    return rrb.Spatial2DView(origin=origin, name=name, visual_bounds=bounds)
 
 
 def space_view(rig: Rig) -> Any:
@@ -66,10 +74,13 @@ def space_view(rig: Rig) -> Any:
     import rerun.blueprint as rrb
 
     eye = first_eye(rig)
+    hidden = [
+        f"- space/cameras/{camera.name}/marks/{part}" for camera in rig.cameras for part in ("residuals", "names")
+    ]
     return rrb.Spatial3DView(
         origin="space",
         name=f"rig frame: {rig.reference}",
-        contents=["+ space/**", "- space/cameras/*/marks/**"],
+        contents=["+ space/**", *hidden],
         line_grid=_floor(rig, eye.up),
         eye_controls=rrb.EyeControls3D(position=eye.position, look_target=eye.target, eye_up=eye.up),
     )

@@ -25,6 +25,8 @@ from .verdict_text import verdict_markdown
 _SIDE_POINTS = 12
 # Residual arrows are drawn so much longer that a usual one is this share of the picture's width.
 _ARROW = 0.025
+# ... and one of a fault is cut to this share, or it would lie across everything else.
+_LONGEST_ARROW = 0.15
 _BINS = 24
 
 
@@ -75,6 +77,13 @@ def arrow_scale(rig: Rig, camera: Camera) -> float:
     """How many times longer than they are residuals are drawn, a round number."""
     usual = camera.rms if np.isfinite(camera.rms) and camera.rms > 0 else 1.0
     return max(round_down(_ARROW * camera.intrinsics.width / usual), 1.0)
+
+
+def residual_arrows(rig: Rig, camera: Camera, residuals: Array) -> Array:
+    """Residuals (P, 2) px, as long as they are drawn."""
+    arrows = arrow_scale(rig, camera) * residuals
+    length = np.linalg.norm(arrows, axis=1, keepdims=True)
+    return arrows * np.minimum(1.0, _LONGEST_ARROW * camera.intrinsics.width / np.maximum(length, 1e-12))
 
 
 def log_frustum(recording: Any, path: str, camera: Camera, pose: Pose, colour: Colour, size: float) -> None:
@@ -227,7 +236,7 @@ def _log_picture_marks(recording: Any, rig: Rig, camera: Camera, fits: list[View
         f"{path}/residuals",
         rr.Arrows2D(
             origins=(pixels - residuals)[told],
-            vectors=arrow_scale(rig, camera) * residuals[told],
+            vectors=residual_arrows(rig, camera, residuals[told]),
             colors=[PREDICTED],
             radii=rr.Radius.ui_points(1.0),
             draw_order=31,
@@ -382,7 +391,7 @@ def _log_field(recording: Any, rig: Rig, camera: Camera, colour: Colour) -> None
         f"{path}/residuals",
         rr.Arrows2D(
             origins=field.pixels - field.residuals,
-            vectors=arrow_scale(rig, camera) * field.residuals,
+            vectors=residual_arrows(rig, camera, field.residuals),
             colors=[PREDICTED],
             radii=rr.Radius.ui_points(0.8),
             draw_order=20,

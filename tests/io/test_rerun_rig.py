@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from quadrig.io.inspect_command import save_rrd
-from quadrig.io.rerun_rig import arrow_scale, edge_widths, graph_edges, residual_histogram
+from quadrig.io.rerun_rig import arrow_scale, edge_widths, graph_edges, residual_arrows, residual_histogram
 from quadrig.io.rig_file import RigFile
 from quadrig.io.rig_geometry import apart, ellipsoid, first_eye, level_axes, magnification, up_direction
 from quadrig.rig.residual_field import residual_field
@@ -133,3 +133,12 @@ def test_ellipsoids_are_the_covariance(example_rig):
     np.testing.assert_allclose(axes @ np.diag(sizes**2) @ axes.T, covariance, atol=1e-15)
     assert np.linalg.det(axes) == pytest.approx(1)
     assert magnification(example_rig) >= 1
+
+
+def test_arrows_of_faults_do_not_lie_across_everything(example_rig):
+    camera = example_rig.cameras[0]
+    arrows = residual_arrows(example_rig, camera, np.array([[0.1, 0.0], [300.0, -400.0], [0.0, 0.0]]))
+    np.testing.assert_allclose(arrows[0], arrow_scale(example_rig, camera) * np.array([0.1, 0.0]))
+    assert np.linalg.norm(arrows[1]) < 0.2 * camera.intrinsics.width
+    np.testing.assert_allclose(arrows[1] / np.linalg.norm(arrows[1]), [0.6, -0.8])
+    np.testing.assert_array_equal(arrows[2], 0)
