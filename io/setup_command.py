@@ -201,9 +201,11 @@ def _as_text(result: SetupResult, output: Path, plan: SetupPlan) -> str:
     assert rig is not None
     lines = [f"{good_for(rig)}: {result.kept} framesets kept of {result.framesets}, {result.ending}"]
     for camera in rig.cameras:
+        sigma = rig.position_sigma(camera.name)
+        place = f"place ± {millimetres(sigma)}" if sigma > 0 else "the reference"
         lines.append(
-            f"{camera.name}: focal {camera.intrinsics.focal:.1f} ± {rig.focal_sigma(camera.name):.1f} px, place "
-            f"± {millimetres(rig.position_sigma(camera.name))}, {camera.views} Views, rms {camera.rms:.2f} px"
+            f"{camera.name}: focal {camera.intrinsics.focal:.1f} ± {rig.focal_sigma(camera.name):.1f} px, {place}, "
+            f"{camera.views} Views, rms {camera.rms:.2f} px"
         )
     lines += list(_missing(result, plan).values())
     if result.fault is not None:
