@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 import pytest
 
+from quadrig.io.banner import banner
 from quadrig.io.commands import run
 from quadrig.io.config import parse_config
 from quadrig.io.frame import Frame
@@ -360,6 +361,18 @@ def test_the_graph_counts_moving_sheets_by_frameset_and_static_ones_at_all_times
     views += [View("wall", corners, corners[:, :2], "a", 4)]
     wall = Rectangle("wall", 0.2, 0.2)
     assert shared_counts(views, {"sheet": TAG, "wall": wall}) == {("a", "b"): 1, ("a", "c"): 1}
+
+
+@pytest.mark.parametrize("sentence", ["cam1: tilt the sheet more", "a sentence of many words " * 8, "", "x" * 150])
+def test_the_large_sentence_fits_into_its_picture(sentence):
+    drawn = cv2.imdecode(np.frombuffer(banner(sentence, "", (235, 235, 235)), np.uint8), cv2.IMREAD_GRAYSCALE)
+    rows, columns = np.nonzero(drawn > 100)
+    assert bool(len(rows)) == bool(sentence)
+    if sentence:
+        assert rows.min() > 0
+        assert rows.max() < drawn.shape[0] - 1
+        assert columns.min() > 0
+        assert columns.max() < drawn.shape[1] - 1
 
 
 @pytest.mark.parametrize(("text", "metres"), [("1mm", 0.001), ("0.5 cm", 0.005), ("0.002", 0.002), ("2m", 2.0)])
