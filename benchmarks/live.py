@@ -89,8 +89,8 @@ def main() -> None:
         scene = scene_with(options.sheet)
         videos = rendered(folder / options.sheet, scene)
         table = Table(title=f"4 cameras of {WIDTH}x{HEIGHT} at {RATE} a second; {options.sheet} in the hand")
-        for name in ("screen", "framesets/s", "latency, median", "95 %", "processor", "cameras"):
-            table.add_column(name, justify="left" if name == "screen" else "right")
+        for name in ("screen", "framesets/s", "latency", "95 %", "processor", "cameras"):
+            table.add_column(name, justify="left" if name == "screen" else "right", no_wrap=True)
         for name in ("terminal", "viewer's server", "viewer drawn in software"):
             table.add_row(name, *measured(name, scene, videos, options.seconds))
         Console().print(table)
