@@ -70,8 +70,9 @@ class SetupPlan:
 
 @dataclass(frozen=True, eq=False)
 class SetupResult:
-    """What a session came to. latencies: s, of each frameset from arrival to screen; ending: why it stopped.
+    """What a session came to.
 
+    latencies: s, of each frameset from arrival until it was handed to the screens; ending: why it stopped.
     fault: what is wrong with the sheets, though there is a rig.
     """
 

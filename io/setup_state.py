@@ -15,7 +15,8 @@ class SetupState:
     """One moment of a session.
 
     sentence: the one large sentence; note: a second, small one. frames, views: of the newest frameset. rate:
-    framesets a second; latency: s from a frame's arrival until it was shown. kept: framesets kept so far.
+    framesets a second; latency: s from a frame's arrival until it was handed to the screens. kept:
+    framesets kept so far.
     """
 
     sentence: str
