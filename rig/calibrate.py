@@ -21,12 +21,13 @@ from .assemble import (
 )
 from .connectivity import missing_cameras, refuse
 from .graph import FirstRig, components, first_rig
+from .in_step import in_step
 from .inputs import CameraInput
 from .joint import Contradicted, Joint, solve_jointly
 from .left_out import left_out_squares
 from .problem import Problem, build_problem
 from .result import Rig
-from .start import start
+from .start import Start, start
 from .weaknesses import weaknesses
 from .working_accuracy import covered_points, working_accuracy
 
@@ -73,13 +74,23 @@ def _solve(whole: Problem, kept: list[int], cameras: Sequence[CameraInput], refe
     name = _reference(problem, cameras, reference)
     anchor, node = _anchor(problem, name)
     begin = start(problem)
+    stepped = in_step(problem, _places(begin), begin.noise)
+    if stepped is not None:
+        problem = build_problem(problem.cameras, list(problem.rectangles.values()), stepped.views)
+        begin = start(problem)
     first = first_rig(problem, begin.candidates, anchor)
     if node is not None:
         first = _in_node_frame(first, node)
     standing = np.arange(len(problem.cameras)) == (anchor if node is None else -1)
-    joint = solve_jointly(problem, begin, first, standing, node)
+    joint = solve_jointly(problem, begin, first, standing, node, None if stepped is None else stepped.offsets)
     order = [c.name for c in cameras]
     return assemble_rig(problem, joint, first, camera_covariance(joint), name, missing, order)
+
+
+def _places(begin: Start) -> Array:
+    """Where each View's rectangle stands in its camera (V, 3), m, by its likeliest candidate."""
+    candidates = begin.candidates
+    return candidates.camera_from_node.translation[np.unique(candidates.view, return_index=True)[1]]
 
 
 def _largest(problem: Problem, reference: str | None) -> list[int]:

@@ -15,7 +15,7 @@ from quadrig.single.rotation import Array
 from .problem import Problem
 
 # Framesets further apart than this (s) say little of the motion between them: a hand turns around in half a second.
-_LONGEST_GAP = 0.25
+LONGEST_GAP = 0.25
 # The offset of a camera is told by Views of at least this many framesets in motion.
 _FEWEST_VIEWS = 6
 
@@ -85,7 +85,7 @@ def _neighbours(problem: Problem, node_time: Array) -> Array:
         ordered = sorted(nodes, key=lambda n: node_time[n])
         for before, node, after in zip(ordered, ordered[1:], ordered[2:], strict=False):
             gaps = node_time[node] - node_time[before], node_time[after] - node_time[node]
-            if min(gaps) > 0 and max(gaps) < _LONGEST_GAP:
+            if min(gaps) > 0 and max(gaps) < LONGEST_GAP:
                 rows[node] = node, before, after
                 rows.setdefault(before, (before, node, after))
                 rows[after] = after, before, node

@@ -73,19 +73,28 @@ class Joint:
 
 
 def solve_jointly(
-    problem: Problem, begin: Start, first: FirstRig, standing: Array, fixed_node: int | None = None
+    problem: Problem,
+    begin: Start,
+    first: FirstRig,
+    standing: Array,
+    fixed_node: int | None = None,
+    offsets: Array | None = None,
 ) -> Joint:
     """Adjust everything at once. The cameras that are standing (C,) bool keep their poses, and so does fixed_node:
-    one of them at least holds the rig frame."""
+    one of them at least holds the rig frame. offsets (C,) s: of the clocks, where they are known to differ."""
     observations = problem.observations(first.reading)
     tables = layout(observations)
     freedom = _freedom(problem, observations, begin, standing, fixed_node)
-    found, noise = _robust(observations.thinned(ENOUGH_POINTS), begin, first, freedom, tables)
+    begun = State(begin.lens, first.camera_from_rig, first.rig_from_node, offsets=offsets)
+    if offsets is not None:
+        begun = _with_motion(problem, begun)
+    found, noise = _robust(observations.thinned(ENOUGH_POINTS), begun, begin.noise, first, freedom, tables)
+    if offsets is not None:
+        found = replace(found, state=_with_motion(problem, found.state))
     judged = _judge(observations, residual_squares(observations, found.state), found.state, freedom, noise)
     if noise > _OUT_OF_STEP * begin.noise or _outvoted(problem, observations, judged, _OUTVOTED).any():
         noise = begin.noise
-        start_again = replace(found, state=State(begin.lens, first.camera_from_rig, first.rig_from_node))
-        found, freedom = _loosened(problem, observations, start_again, freedom, noise)
+        found, freedom = _loosened(problem, observations, replace(found, state=begun), freedom, noise)
         judged = _judge(observations, found.linearised.squares, found.state, freedom, noise)
     costs = found.costs
     _refuse_contradicted(problem, observations, judged)
@@ -258,12 +267,11 @@ def _freedom(
 
 
 def _robust(
-    observations: Observations, begin: Start, first: FirstRig, freedom: Freedom, tables: Layout
+    observations: Observations, state: State, noise: float, first: FirstRig, freedom: Freedom, tables: Layout
 ) -> tuple[Adjustment, float]:
     """Cauchy's loss from the first rig on, Views that fit nothing left out until the rig can judge them."""
     weights = [np.where(first.agrees[g.view][:, None], g.weights, 0.0) for g in observations.groups]
     trusted = observations.with_weights(weights)
-    state, noise = State(begin.lens, first.camera_from_rig, first.rig_from_node), begin.noise
     while True:
         found = adjust(trusted, state, freedom, noise, robust=True, most_steps=12, tables=tables, tolerance=ROUGH)
         seen = max(robust_noise(trusted, found.linearised.squares), LEAST_NOISE)
