@@ -32,8 +32,9 @@ from .sources import LiveFrameset, LiveFramesets, Pace, Source, SourceState
 
 # Solutions take turns with rests of the same length, so that the search keeps its share of the processor.
 _REST = 1.0
-# Solutions in a row, each with new framesets, that must be as accurate as asked: the first that happens to be below
-# is below by chance more often than the next (benchmarks/stopping.py).
+# Solutions in a row, each with new framesets, that must be as accurate as asked. The truth is as near after the first
+# as after the second (benchmarks/stopping.py), but two or three framesets cover a corner of the room, in which a rig
+# is soon good that is not where the sheet goes next.
 _CONFIRMED = 2
 # Frames of this long ago count into the rate and the latency that are shown.
 _RATE_SECONDS = 3.0
