@@ -89,9 +89,9 @@ def main() -> None:
         scene = scene_with(options.sheet)
         videos = rendered(folder / options.sheet, scene)
         table = Table(title=f"4 cameras of {WIDTH}x{HEIGHT} at {RATE} a second; {options.sheet} in the hand")
-        for name in ("screen", "framesets/s", "latency", "95 %", "processor", "cameras"):
+        for name in ("screen", "rate", "latency", "95 %", "processor", "cameras"):
             table.add_column(name, justify="left" if name == "screen" else "right", no_wrap=True)
-        for name in ("terminal", "viewer's server", "viewer drawn in software"):
+        for name in ("terminal", "viewer's server", "viewer, software"):
             table.add_row(name, *measured(name, scene, videos, options.seconds))
         Console().print(table)
 
@@ -149,7 +149,7 @@ def measured(name: str, scene: Scene, videos: Sequence[Path], seconds: float) ->
     rate = np.count_nonzero(counted) / (times[-1] - times[0] - WARM_UP)
     middle, most = np.percentile(latency, [50, 95])
     used = 1000 * np.diff(np.array(meter.processor)[counted][[0, -1]])[0] / (np.count_nonzero(counted) - 1)
-    return [f"{rate:.1f}", f"{middle:.0f} ms", f"{most:.0f} ms", f"{used:.0f} ms", str(meter.rigs)]
+    return [f"{rate:.1f} /s", f"{middle:.0f} ms", f"{most:.0f} ms", f"{used:.0f} ms", str(meter.rigs)]
 
 
 if __name__ == "__main__":
