@@ -337,7 +337,11 @@ class Viewer:
         if hasattr(os, "setpriority"):
             # Drawing takes all it can get, in software most of all: the search comes first.
             os.setpriority(os.PRIO_PROCESS, self._process.pid, _NICE)
-        self._wait_for(port)
+        try:
+            self._wait_for(port)
+        except BaseException:
+            self.close(force=True)
+            raise
 
     @property
     def open(self) -> bool:
@@ -355,7 +359,6 @@ class Viewer:
                 return
             except OSError:
                 time.sleep(0.05)
-        self.close(force=True)
         raise QuadrigError("the rerun viewer does not open here; use --web for a browser or --no-viewer")
 
     def close(self, force: bool = False) -> None:

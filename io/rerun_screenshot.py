@@ -9,6 +9,7 @@ from quadrig.single.errors import QuadrigError
 
 from .beside import written_beside
 from .rerun_live import Viewer
+from .rerun_show import ends_with_us
 
 _SIZE = "1600x1000"
 # A software renderer on a busy machine opens within half a minute; a graphics card in two seconds.
@@ -23,14 +24,10 @@ def take_screenshot(send: Callable[[str], None], png: Path) -> None:
 
     Raises QuadrigError where the viewer cannot draw here.
     """
-    with written_beside(png) as beside:
-        viewer = _headless()
-        try:
-            client = _connect(viewer)
-            send(viewer.address)
-            _settle(client, beside)
-        finally:
-            viewer.close()
+    with written_beside(png) as beside, ends_with_us(_headless()) as viewer:
+        client = _connect(viewer)
+        send(viewer.address)
+        _settle(client, beside)
 
 
 _CANNOT = (

@@ -1,15 +1,20 @@
 """Ways to show something in rerun, the same for every command: a file, a picture, a page for a browser, a window."""
 
+import contextlib
+import signal
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from quadrig.single.errors import QuadrigError
 
 from .beside import written_beside
+
+if TYPE_CHECKING:
+    from .rerun_live import Viewer
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,16 +61,27 @@ def save_rrd(shown: Shown, path: Path) -> None:
 def _serve(shown: Shown) -> None:
     from .rerun_live import Viewer
 
-    viewer = Viewer(web=True)
-    try:
+    with contextlib.suppress(KeyboardInterrupt), ends_with_us(Viewer(web=True)) as viewer:
         _send(shown, viewer.address)
         print(f"{viewer.page}\nCtrl-C ends it", flush=True)
         while True:
             time.sleep(3600)
-    except KeyboardInterrupt:
-        pass
+
+
+@contextlib.contextmanager
+def ends_with_us(viewer: "Viewer") -> Iterator["Viewer"]:
+    """A viewer that is closed when the block ends, by whatever signal: it has a session of its own, else it stays."""
+    ends = (signal.SIGINT, signal.SIGTERM)
+    before = signal.getsignal(signal.SIGINT), signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        yield viewer
     finally:
+        # Whoever is impatient and asks again would leave it behind.
+        for one in ends:
+            signal.signal(one, signal.SIG_IGN)
         viewer.close()
+        for one, handler in zip(ends, before, strict=True):
+            signal.signal(one, handler)
 
 
 def _send(shown: Shown, address: str, one_look: bool = False) -> None:

@@ -1,5 +1,6 @@
 """Fixtures that every room's tests share."""
 
+import os
 import signal
 from pathlib import Path
 
@@ -8,6 +9,8 @@ import pytest
 # A shell starts background jobs with Ctrl-C ignored, and what they start inherits that: tests that interrupt a
 # command would then wait for ever.
 signal.signal(signal.SIGINT, signal.default_int_handler)
+# Rerun reads this once, when it is first imported: a test of what is said must not hang on which test came before.
+os.environ.setdefault("RUST_LOG", "off")
 
 
 @pytest.fixture(scope="session")
