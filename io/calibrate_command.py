@@ -27,8 +27,8 @@ def calibrate(
         list[str] | None, typer.Option(help="Solve this camera anew, the others stay as --from has them; repeatable.")
     ] = None,
     before: Annotated[Path | None, typer.Option("--from", help="The rig.mcap from before a camera moved.")] = None,
-    allow_missing: Annotated[
-        bool, typer.Option("--allow-missing", help="Leave out cameras that share no rectangle with the others.")
+    all_cameras: Annotated[
+        bool, typer.Option("--all-cameras", help="Fail, and write nothing, rather than leave a camera out.")
     ] = False,
     tolerance: Annotated[float | None, typer.Option(help="Most that stamps of one instant differ, seconds.")] = None,
     share: Annotated[
@@ -49,7 +49,7 @@ def calibrate(
     """Calibrate the cameras of a recording.
 
     Finds the rectangles of rig.toml in every image, solves lenses and poses together, says how sure each is, and
-    writes rig.mcap.
+    writes rig.mcap. Cameras that share no rectangle with the others are left out, and it is said why.
 
     Example: rig calibrate room.mcap --config rig.toml -o rig.mcap
 
@@ -62,7 +62,7 @@ def calibrate(
         raise QuadrigError("--only and --from belong together: give the camera that moved and the rig from before")
     if each:
         _calibrate_each(
-            recording, output, CalibrateJob(described.text, tolerance, share, allow_missing), workers, cluster, again
+            recording, output, CalibrateJob(described.text, tolerance, share, all_cameras), workers, cluster, again
         )
         return
     earlier = read_rig(before) if before is not None else None
@@ -71,8 +71,10 @@ def calibrate(
     for note in searched.notes:
         print(f"note: {note}", file=sys.stderr)
     rig = _solve(searched, described, only or [], earlier)
-    if not allow_missing:
+    if all_cameras:
         refuse_missing(rig)
+    for sentence in rig.missing.values():
+        print(f"left out: {sentence}", file=sys.stderr)
     write_rig(output, rig, described.text, searched.times)
     _show(rig, output, as_json)
 

@@ -23,7 +23,7 @@ class CalibrateJob:
     config_text: str
     tolerance: float | None = None
     share: float = 1.0
-    allow_missing: bool = False
+    all_cameras: bool = False
 
     def __call__(self, job: Job) -> str:
         """Calibrates one recording and writes its rig. Raises QuadrigError as `rig calibrate` does."""
@@ -32,8 +32,9 @@ class CalibrateJob:
         effort = Effort(self.tolerance, self.share, workers=1, progress=False)
         searched = search_recording([Path(path) for path in job.recording], config, effort)
         rig = calibrate(searched.cameras, config.rectangles, searched.views, config.reference)
-        if not self.allow_missing:
+        if self.all_cameras:
             refuse_missing(rig)
         write_rig(job.output, rig, self.config_text, searched.times)
         accuracy = millimetres(rig.working_accuracy)
-        return f"working accuracy {accuracy}, {len(rig.cameras)} cameras, RMS {rig.rms:.3f} px"
+        without = f", without {', '.join(rig.missing)}" if rig.missing else ""
+        return f"working accuracy {accuracy}, {len(rig.cameras)} cameras{without}, RMS {rig.rms:.3f} px"

@@ -96,4 +96,4 @@ def camera_inputs(recording: Recording, config: RigConfig) -> list[CameraInput]:
 def refuse_missing(rig: Rig) -> None:
     """Raises QuadrigError, naming each, where cameras could not be brought into the rig."""
     if rig.missing:
-        raise QuadrigError("; ".join(rig.missing.values()) + "; or leave them out with --allow-missing")
+        raise QuadrigError("; ".join(rig.missing.values()) + "; or leave them out, without --all-cameras")

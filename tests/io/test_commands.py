@@ -126,16 +126,25 @@ def test_the_table_leads_with_the_working_accuracy(pictures: Path, tmp_path: Pat
     assert "rig frame" in done.stdout
 
 
-def test_a_camera_that_shares_nothing_is_named_and_nothing_is_written(pictures: Path, tmp_path: Path) -> None:
+def test_a_camera_that_shares_nothing_is_named_and_left_out(pictures: Path, tmp_path: Path) -> None:
     result = tmp_path / "rig.mcap"
     folders = [pictures / name for name in ("left", "right", "hall")]
-    done = rig("calibrate", *folders, "-c", pictures / "rig.toml", "-o", result)
+    done = rig("calibrate", *folders, "-c", pictures / "rig.toml", "-o", result, "--all-cameras")
     assert_one_sentence(done, "hall", "shelf", "left", "right")
     assert not list(tmp_path.iterdir())
-    done = rig("calibrate", *folders, "-c", pictures / "rig.toml", "-o", result, "--allow-missing")
+    done = rig("calibrate", *folders, "-c", pictures / "rig.toml", "-o", result)
     assert done.returncode == 0, done.stderr
     assert "missing" in done.stdout
+    account = next(line for line in done.stderr.splitlines() if line.startswith("left out: "))
+    assert all(name in account for name in ("hall", "shelf", "left", "right"))
     assert result.exists()
+
+
+def test_cameras_that_share_nothing_at_all_make_no_rig(pictures: Path, tmp_path: Path) -> None:
+    folders = [pictures / name for name in ("left", "hall")]
+    done = rig("calibrate", *folders, "-c", pictures / "rig.toml", "-o", tmp_path / "rig.mcap")
+    assert_one_sentence(done, "hall", "left")
+    assert not list(tmp_path.iterdir())
 
 
 def test_bad_recordings_are_told_in_one_sentence(pictures: Path, tmp_path: Path) -> None:
