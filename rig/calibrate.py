@@ -21,7 +21,7 @@ from .assemble import (
 )
 from .connectivity import missing_cameras, refuse
 from .graph import FirstRig, components, first_rig
-from .in_step import in_step
+from .in_step import InStep, in_step, path_offsets
 from .inputs import CameraInput
 from .joint import Contradicted, Joint, solve_jointly
 from .left_out import left_out_squares
@@ -30,6 +30,12 @@ from .result import Rig
 from .start import Start, start
 from .weaknesses import weaknesses
 from .working_accuracy import covered_points, working_accuracy
+
+# Framesets grouped by clocks that were off by more than this (s) are grouped again: a hand moves a quarter of a mm.
+_SAME_CLOCK = 0.5e-3
+_ROUNDS_OF_CLOCKS = 6
+# Noise of the joint fit over that of the cameras by themselves, up to which nobody is out of step.
+_AGREE = 1.1
 
 
 def calibrate(
@@ -72,19 +78,49 @@ def _solve(whole: Problem, kept: list[int], cameras: Sequence[CameraInput], refe
     missing = missing_cameras(whole, kept)
     problem = _of_cameras(whole, kept)
     name = _reference(problem, cameras, reference)
-    anchor, node = _anchor(problem, name)
-    begin = start(problem)
-    stepped = in_step(problem, _places(begin), begin.noise)
-    if stepped is not None:
-        problem = build_problem(problem.cameras, list(problem.rectangles.values()), stepped.views)
-        begin = start(problem)
-    first = first_rig(problem, begin.candidates, anchor)
-    if node is not None:
-        first = _in_node_frame(first, node)
-    standing = np.arange(len(problem.cameras)) == (anchor if node is None else -1)
-    joint = solve_jointly(problem, begin, first, standing, node, None if stepped is None else stepped.offsets)
+    problem, joint, first = _jointly(problem, name)
     order = [c.name for c in cameras]
     return assemble_rig(problem, joint, first, camera_covariance(joint), name, missing, order)
+
+
+def _jointly(problem: Problem, name: str) -> tuple[Problem, Joint, FirstRig]:
+    """The joint adjustment in the frame of that name; where clocks disagree, of framesets grouped anew by the clocks
+    that each round finds."""
+    anchor, node = _anchor(problem, name)
+    rounds: list[tuple[Problem, Joint, FirstRig]] = []
+    stepped: InStep | None = None
+    for _ in range(_ROUNDS_OF_CLOCKS):
+        begin = start(problem)
+        first = first_rig(problem, begin.candidates, anchor)
+        if node is not None:
+            first = _in_node_frame(first, node)
+        standing = np.arange(len(problem.cameras)) == (anchor if node is None else -1)
+        offsets = None if stepped is None else stepped.offsets
+        found: Array | None = None
+        try:
+            joint = solve_jointly(problem, begin, first, standing, node, offsets)
+        except Contradicted:
+            if stepped is not None and rounds:
+                break
+            again = in_step(problem, path_offsets(problem, _places(begin)), begin.noise)
+            if stepped is not None or again is None:
+                raise
+        else:
+            rounds.append((problem, joint, first))
+            found = joint.adjustment.state.offsets
+            if offsets is None and found is None and joint.noise < _AGREE * begin.noise:
+                break
+            if offsets is not None and found is not None and np.ptp(found - offsets) < _SAME_CLOCK:
+                break
+            found = path_offsets(problem, _places(begin)) if found is None else found
+            again = in_step(problem, found, begin.noise) or stepped
+            if again is None:
+                break
+        stepped = again if found is None else replace(again, offsets=found)
+        problem = build_problem(problem.cameras, list(problem.rectangles.values()), stepped.views)
+        anchor, node = _anchor(problem, name)
+    # The better Views are grouped, the less noise is left, and no slack.
+    return min(rounds, key=lambda one: (one[1].adjustment.state.slack is not None, one[1].noise))
 
 
 def _places(begin: Start) -> Array:

@@ -51,7 +51,8 @@ def motion(problem: Problem, rig_from_node: Pose) -> Motion | None:
     count = np.bincount(problem.node, stamped, len(problem.nodes))
     with np.errstate(invalid="ignore", divide="ignore"):
         total = np.bincount(problem.node, np.where(stamped, time, 0.0), len(problem.nodes))
-        node_time = np.where(count > 0, total / count, np.nan)
+        # What one camera alone saw may be its mirrored twin, and would mislead its neighbours.
+        node_time = np.where(count > 1, total / count, np.nan)
     rows = _neighbours(problem, node_time)
     if not len(rows):
         return None

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from quadrig.single.rotation import Array, nearest_rotation
+from quadrig.single.rotation import Array
 from quadrig.single.view import View
 
 from .clock import LONGEST_GAP
@@ -37,21 +37,26 @@ class InStep:
     offsets: Array
 
 
-def in_step(problem: Problem, places: Array, noise: float) -> InStep | None:
-    """The Views in step; None where they are already, to the noise of a pixel, or no stamps tell.
-
-    places (V, 3): of each View's rectangle in its camera, m. noise: px.
-    """
+def in_step(problem: Problem, offsets: Array, noise: float) -> InStep | None:
+    """The Views grouped by these offsets (C,) s; None where framesets show one instant, to the noise (px)."""
+    times = np.array([view.time for view in problem.views])
     tracks = _tracks(problem)
     if not tracks:
         return None
-    times = np.array([view.time for view in problem.views])
-    offsets = _offsets(tracks, times, places, len(problem.cameras))
     true = times + offsets[problem.camera]
     late = true - _instants(problem, times)
     if not np.nanmedian(np.abs(late) * _speeds(problem, tracks, times)) > noise:
         return None
     return InStep(_regrouped(problem, np.concatenate(list(tracks.values())), true, times), offsets)
+
+
+def path_offsets(problem: Problem, places: Array) -> Array:
+    """Offsets (C,) s that the paths tell: to some ms, worse where lenses are not known yet.
+
+    places (V, 3): of each View's rectangle in its camera, m.
+    """
+    times = np.array([view.time for view in problem.views])
+    return _offsets(_tracks(problem), times, places, len(problem.cameras))
 
 
 def _instants(problem: Problem, times: Array) -> Array:
@@ -147,7 +152,8 @@ def _offset_between(time: Array, place: Array, other_time: Array, other_place: A
 
 
 def _apart(time: Array, place: Array, other_time: Array, other_place: Array) -> float:
-    """Mean squared distance (m^2) of two paths after the best rigid motion; nan where they share too little."""
+    """Mean squared distance (m^2) of two paths after the best affine map, which forgives lenses known roughly; nan
+    where they share too little."""
     after = np.searchsorted(other_time, time)
     inside = (after > 0) & (after < len(other_time))
     inside[inside] = other_time[after[inside]] - other_time[after[inside] - 1] < LONGEST_GAP
@@ -155,10 +161,9 @@ def _apart(time: Array, place: Array, other_time: Array, other_place: Array) -> 
         return float("nan")
     one = place[inside]
     two = np.stack([np.interp(time[inside], other_time, axis) for axis in other_place.T], axis=1)
+    two = np.concatenate([two, np.ones((len(two), 1))], axis=1)
     for _ in range(2):
-        middle, other_middle = one.mean(axis=0), two.mean(axis=0)
-        rotation = nearest_rotation((one - middle).T @ (two - other_middle))
-        squares = np.sum(((one - middle) - (two - other_middle) @ rotation.T) ** 2, axis=1)
+        squares = np.sum((one - two @ np.linalg.lstsq(two, one, rcond=None)[0]) ** 2, axis=1)
         kept = squares <= np.quantile(squares, 1 - _WILD)
         one, two = one[kept], two[kept]
     return float(squares[kept].mean())
