@@ -8,19 +8,22 @@ python benchmarks/recordings.py large room.mcap      memory and speed on 4 GiB, 
 import sys
 import tempfile
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cv2
 import numpy as np
+from detect import Found, PlainLoop, corners
 
 from quadrig.io.beside import written_beside
-from quadrig.io.demo_scene import Scene, demo_scene
+from quadrig.io.demo_scene import Scene, SceneCamera, demo_scene
 from quadrig.io.progress import progress_bar
 from quadrig.io.record import image_writer
 from quadrig.io.workers import run_tasks
 from quadrig.single.pose import Pose
 from quadrig.single.render import Sheet, backdrop, ray_grid, render
+from quadrig.single.view import View
 
 FRAMESETS = 300
 PERIOD = 1 / 30
@@ -28,6 +31,8 @@ EXPOSURE = 0.008
 START = 1_700_000_000_000_000_000
 # A person moves a board, holds it, moves on: this many holds, in which the board is nearly still.
 HOLDS = 16
+# px within which a corner is the same.
+CLOSE = 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,23 +106,51 @@ def render_recording(output: Path) -> None:
         finish()
 
 
-def plain_search(path: tuple[str, str, int, int]) -> int:
-    """The straight loop: decode and search whole images for tags and for the board; how many corners were found."""
+def plain_search(block: tuple[str, str, int, int]) -> list[Found]:
+    """The straight loop: decode and search whole images for tags and for the board, from one index to another."""
     from quadrig.io.recording import open_recording
 
-    name, camera, begin, end = path
+    name, camera, begin, end = block
     source = open_recording([Path(name)]).camera(camera).source.part(np.arange(begin, end))
-    parameters = cv2.aruco.DetectorParameters()
-    parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
-    tags = cv2.aruco.ArucoDetector(cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11), parameters)
-    dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50)
-    board = cv2.aruco.CharucoDetector(cv2.aruco.CharucoBoard((7, 5), 0.08, 0.06, dictionary))
-    corners = 0
-    for image in source.images():
-        found = tags.detectMarkers(image)[1]
-        inner = board.detectBoard(image)[1]
-        corners += 4 * (0 if found is None else len(found)) + (0 if inner is None else len(inner))
-    return corners
+    plain = PlainLoop(demo_scene(FRAMESETS).rectangles)
+    return [plain(image) for image in source.images()]
+
+
+def compare_corners(plain: dict[tuple[str, int], Found], views: Sequence[View]) -> None:
+    """Print what share of the plain loop's corners was found, and how far both are from the truth."""
+    scene = moving_scene()
+    cameras = {camera.name: camera for camera in scene.cameras}
+    kinds = {r.name: r.marking.kind for r in scene.rectangles}
+    ours: dict[tuple[str, int], Found] = {}
+    for view in views:
+        ours.setdefault((view.camera, view.frameset), {})[view.rectangle] = (view.points, view.pixels)
+    images = sorted(plain)
+    seen = [corners([found.get(image, {}) for image in images]) for found in (plain, ours)]
+    for kind in sorted(set(kinds.values())):
+        theirs, own = ({key: at for key, at in one.items() if kinds[key[1]] == kind} for one in seen)
+        common = [key for key in theirs if key in own]
+        truth = {key: _truth(scene, cameras[images[key[0]][0]], images[key[0]][1], key) for key in {**theirs, **own}}
+        gap = np.array([np.linalg.norm(theirs[key] - own[key]) for key in common])
+        off = [np.array([np.linalg.norm(at - truth[key]) for key, at in one.items()]) for one in (own, theirs)]
+        right = np.array([np.linalg.norm(theirs[key] - truth[key]) for key in common]) < CLOSE
+        print(
+            f"{kind}: {100 * len(common) / len(theirs):.2f} % of the plain loop's {len(theirs)} corners found, "
+            f"{len(own)} in all; {100 * np.mean(gap < CLOSE):.1f} % within {CLOSE} px of the plain loop's, "
+            f"{100 * np.mean(gap[right] < CLOSE):.1f} % of those where the plain loop is as near to the truth"
+        )
+        for name, errors in zip(("ours", "plain"), off, strict=True):
+            print(
+                f"    {name}, from the truth: median {np.median(errors):.3f}, 99 % {np.quantile(errors, 0.99):.3f}, "
+                f"{100 * np.mean(errors < CLOSE):.1f} % within {CLOSE} px"
+            )
+
+
+def _truth(scene: Scene, camera: SceneCamera, frameset: int, key: tuple) -> np.ndarray:
+    """Where in the picture the point of a key of `corners` is."""
+    poses = {sheet.rectangle.name: sheet.world_from_rect for sheet in (*scene.furniture, *scene.static)}
+    pose = poses.get(key[1], scene.board_poses[frameset])
+    point = pose.transform(np.array([key[2:]]) * 1e-5)
+    return camera.intrinsics.project(camera.world_from_camera.inverse().transform(point))[0]
 
 
 def search(path: Path) -> None:
@@ -137,9 +170,10 @@ def search(path: Path) -> None:
     print(f"decode all {images} to grey in one process: {time.perf_counter() - began:.2f} s")
     blocks = [(str(path), camera.name, k, k + 50) for k in range(0, FRAMESETS, 50) for camera in opened.cameras]
     began = time.perf_counter()
-    corners = sum(found for _, found in run_tasks(plain_search, blocks, workers=2))
+    found = dict(run_tasks(plain_search, blocks, workers=2))
     plain = time.perf_counter() - began
-    print(f"plain loop, two processes: {plain:.1f} s, {corners} corners")
+    theirs = {(blocks[k][1], blocks[k][2] + n): one for k, part in found.items() for n, one in enumerate(part)}
+    print(f"plain loop, two processes: {plain:.1f} s")
     with tempfile.TemporaryDirectory() as folder:
         cache = Path(folder) / "detections.mcap"
         every = _timed(
@@ -148,6 +182,7 @@ def search(path: Path) -> None:
         _timed(
             "again, kept", plain, lambda: find_detections(opened, framesets, scene.rectangles, workers=2, cache=cache)
         )
+    compare_corners(theirs, every.views)
     chosen = _timed("choice", plain, lambda: choose_frames(opened, framesets, 0.1, workers=2))
     _timed("choice and search", plain, lambda: find_detections(
         opened, choose_frames(opened, framesets, 0.1, workers=2), scene.rectangles, workers=2))  # fmt: skip
