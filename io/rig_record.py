@@ -91,6 +91,7 @@ class RigRecord(msgspec.Struct):
     weak: tuple[str, ...]
     costs: list[Number]
     times: list[int] = []
+    dispersion: Number = 1.0
 
 
 class ViewRecord(msgspec.Struct):
@@ -127,6 +128,7 @@ def encode_rig(rig: Rig, times: tuple[int, ...] = ()) -> bytes:
             weak=tuple(rig.weak),
             costs=[_number(cost) for cost in rig.costs],
             times=[int(time) for time in times],
+            dispersion=_number(rig.dispersion),
         )
     )
 
@@ -175,6 +177,7 @@ def decode_rig(record: bytes, fits: tuple[ViewFit, ...] = ()) -> tuple[Rig, tupl
         missing=held.missing,
         weak=held.weak,
         costs=tuple(_float(cost) for cost in held.costs),
+        dispersion=_float(held.dispersion),
     )
     return rig, tuple(held.times)
 

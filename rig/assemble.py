@@ -95,9 +95,12 @@ def node_covariances(joint: Joint) -> Array:
     return step_by_twist @ result @ np.swapaxes(step_by_twist, -1, -2)
 
 
-def rectangles_of(problem: Problem, joint: Joint) -> tuple[PlacedRectangle, ...]:
-    """Every rectangle that was placed; one whose Views were all thrown out is not."""
-    poses, covariances = joint.predicted.rig_from_rect, node_covariances(joint)
+def rectangles_of(problem: Problem, joint: Joint, widening: float = 1.0) -> tuple[PlacedRectangle, ...]:
+    """Every rectangle that was placed; one whose Views were all thrown out is not.
+
+    widening: what covariances are multiplied by.
+    """
+    poses, covariances = joint.predicted.rig_from_rect, node_covariances(joint) * widening
     placed_nodes = {int(n) for n in np.unique(joint.observations.node[~joint.judged.rejected])}
     world = next((i for i, node in enumerate(problem.nodes) if node.rectangle == ""), None)
     placed = []

@@ -24,7 +24,7 @@ from .graph import FirstRig, components, first_rig
 from .in_step import InStep, in_step, path_offsets
 from .inputs import CameraInput
 from .joint import Contradicted, Joint, solve_jointly
-from .left_out import left_out_squares
+from .left_out import leave_out
 from .problem import Problem, build_problem
 from .result import Rig
 from .start import Start, start
@@ -202,10 +202,11 @@ def assemble_rig(
     order: list[str],
 ) -> Rig:
     """The Rig of a joint adjustment, cameras in the given order of names. covariance: as Rig.covariance has it."""
-    fit = squares_of(problem, joint)
-    left_out = _left_out(problem, joint, fit)
+    fit, without = squares_of(problem, joint), leave_out(problem, joint)
+    left_out = _told(without.squares, fit)
+    covariance = covariance * without.widening
     cameras = with_figures(cameras_of(problem, joint), fit, left_out, covariance)
-    rectangles = rectangles_of(problem, joint)
+    rectangles = rectangles_of(problem, joint, without.widening)
     accuracy = working_accuracy(cameras, covariance, covered_points(rectangles))
     place = [index for name in order for index, camera in enumerate(cameras) if camera.name == name]
     rig = Rig(
@@ -220,6 +221,7 @@ def assemble_rig(
         accuracy,
         missing,
         costs=joint.costs,
+        dispersion=without.widening,
     )
     return replace(rig, weak=weaknesses(rig))
 
@@ -230,8 +232,7 @@ def _reordered(covariance: Array, place: list[int]) -> Array:
     return covariance[np.ix_(index, index)]
 
 
-def _left_out(problem: Problem, joint: Joint, fit: Squares) -> Squares:
+def _told(squares: Array, fit: Squares) -> Squares:
     """Of Views left out of the fit, those that can be said."""
-    squares = left_out_squares(problem, joint)
     told = np.isfinite(squares) & (fit.points > 0)
     return replace(fit, total=np.where(told, squares, 0.0), points=np.where(told, fit.points, 0))

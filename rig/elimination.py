@@ -1,12 +1,16 @@
 """Solve the normal equations: rectangle poses eliminated in 6x6 batches, cameras dense or banded."""
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from quadrig.single.rotation import Array
 
 from .normal_equations import Layout, Normal
+
+if TYPE_CHECKING:
+    import scipy.sparse
 
 # Added to the diagonal of each 6x6 block (1/rad^2, 1/m^2): far below any information a View carries, and enough to
 # invert the block of a pose all of whose points were left out.
@@ -78,16 +82,35 @@ def node_steps(normal: Normal, layout: Layout, reduced: Reduced, camera_steps: A
 
 def dense_matrix(reduced: Reduced) -> Array:
     """The reduced matrix (C M, C M); rows and columns that are not free are those of the unit matrix."""
-    cameras, size = reduced.free.shape
-    matrix = np.zeros((cameras, size, cameras, size))
-    matrix[reduced.left, :, reduced.right, :] = reduced.blocks
-    matrix[reduced.right, :, reduced.left, :] = np.swapaxes(reduced.blocks, -1, -2)
-    matrix = matrix.reshape(cameras * size, cameras * size)
+    matrix = _dense(reduced.blocks, reduced.left, reduced.right, len(reduced.free))
     free = reduced.free.ravel()
     matrix[~free] = 0.0
     matrix[:, ~free] = 0.0
     matrix[~free, ~free] = 1.0
     return matrix
+
+
+def _dense(blocks: Array, left: Array, right: Array, cameras: int) -> Array:
+    size = blocks.shape[-1]
+    matrix = np.zeros((cameras, size, cameras, size))
+    matrix[left, :, right, :] = blocks
+    matrix[right, :, left, :] = np.swapaxes(blocks, -1, -2)
+    return matrix.reshape(cameras * size, cameras * size)
+
+
+def block_matrix(blocks: Array, left: Array, right: Array, cameras: int) -> "Array | scipy.sparse.csr_array":
+    """The symmetric matrix (C M, C M) of blocks (B, M, M) at (left <= right), sparse where it is large."""
+    size = blocks.shape[-1]
+    if cameras * size < _SMALL_SYSTEM:
+        return _dense(blocks, left, right, cameras)
+    from scipy.sparse import coo_array
+
+    off = left != right
+    values = np.concatenate([blocks, np.swapaxes(blocks[off], -1, -2)])
+    row = np.concatenate([left, right[off]])[:, None, None] * size + np.arange(size)[:, None]
+    column = np.concatenate([right, left[off]])[:, None, None] * size + np.arange(size)
+    place = [axis.ravel() for axis in np.broadcast_arrays(row, column)]
+    return coo_array((values.ravel(), place), shape=(cameras * size, cameras * size)).tocsr()
 
 
 def _solve_dense(reduced: Reduced, right: Array) -> Array:

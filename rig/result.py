@@ -80,6 +80,8 @@ class Rig:
     rms, left_out_rms: px, of the fit, and of framesets that took no part in it.
     working_accuracy: m, the sigma of a point triangulated in the volume where rectangles were seen (root mean
     square over the volume, of the largest axis), from the calibration's doubt alone.
+    dispersion: what all covariances have been multiplied by, because parts of the recording disagree on the cameras
+    by more than noise explains; 1 where they do not.
     missing: a sentence for each camera that could not be placed, by name. weak: what is weak, in words.
     """
 
@@ -95,6 +97,7 @@ class Rig:
     missing: dict[str, str] = field(default_factory=dict)
     weak: tuple[str, ...] = ()
     costs: tuple[float, ...] = ()
+    dispersion: float = 1.0
 
     def camera(self, name: str) -> Camera:
         """The camera of that name. Raises KeyError."""

@@ -33,6 +33,11 @@ def weaknesses(rig: Rig) -> tuple[str, ...]:
             f"framesets left out of the fit miss by {rig.left_out_rms:.2f} px against {rig.rms:.2f} px of the fit: "
             "show more rectangles, in more places"
         )
+    if rig.dispersion > 1:
+        sentences.append(
+            f"fifths of the recording disagree {np.sqrt(rig.dispersion):.1f} times as much as noise explains, and "
+            "all sigmas are widened by that: look for clocks out of step, a bent board, a lens that moved"
+        )
     sentences += _rejected(rig.fits)
     return tuple(sentences)
 
