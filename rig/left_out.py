@@ -1,10 +1,10 @@
 """What the fit would have said of framesets that it had not seen, and whether parts of the recording agree.
 
 Each rectangle pose belongs to one fold: framesets a fifth of the recording at a time, so that what a fold shares
-with its neighbours in time (a clock, a light, a bent board) is left out with it. The reduced normal equations are sums
-over rectangle poses, so leaving a fold out is a subtraction: one Newton step gives the cameras without it, and the
-fold's own rectangle poses are fitted to them. Equal to a fit without the fold to second order (shown by a test against
-real refits).
+with its neighbours in time (a clock, a light, a bent board) is left out with it. The reduced normal equations are
+sums over rectangle poses, so leaving a fold out is a subtraction: one Newton step gives the cameras without it, and
+the fold's own rectangle poses are fitted to them. Equal to a fit without the fold to second order (shown by a test
+against real refits).
 """
 
 from dataclasses import dataclass, replace
