@@ -30,6 +30,7 @@ from .elimination import dense_matrix
 from .graph import components, first_rig
 from .inputs import CameraInput
 from .joint import Joint, left_over, solve_jointly
+from .left_out import leave_out
 from .outliers import USUAL_WEIGHT, noise_of
 from .problem import Problem, build_problem
 from .result import CAMERA_PARAMETERS, Rig
@@ -201,7 +202,8 @@ def _new_information(rig: Rig, problem: Problem, joint: Joint) -> tuple[Array, A
     chi_square, freedom = left_over(joint.adjustment, joint.observations, joint.freedom, joint.noise)
     # What is known of the noise beforehand is what these cameras had when they were calibrated.
     usual = rig.noise if np.isfinite(rig.noise) else joint.noise
-    noise = noise_of(chi_square, freedom, usual)
+    # What the new recording's own parts disagree on is no motion either.
+    noise = noise_of(chi_square, freedom, usual) * np.sqrt(leave_out(problem, joint).widening)
     found = adjust(joint.observations, joint.adjustment.state, opened, noise, most_steps=0)
     reduced = undamped(found, opened)
     matrix, unknown = dense_matrix(reduced), reduced.free.ravel()
