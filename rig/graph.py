@@ -6,7 +6,6 @@ relative poses for multi camera calibration", BMVC 2008) chain Eq. 50 into the r
 """
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,9 +15,6 @@ from quadrig.single.rotation import Array, nearest_rotation
 from .averaging import average
 from .problem import Problem
 from .start import Candidates
-
-if TYPE_CHECKING:
-    import networkx
 
 # What a first lens leaves wrong in a pose, beside its noise: radians, and a share of the distance. Lenses are good
 # to about this much after the cameras were calibrated each by itself.
@@ -56,18 +52,6 @@ class FirstRig:
     reading: Array
     agrees: Array
     relatives: tuple[Relative, ...]
-
-
-def pose_graph(problem: Problem) -> "networkx.Graph":
-    """Cameras ("camera", i) and rectangle poses ("rect", n), an edge for each that met in a View."""
-    import networkx
-
-    graph = networkx.Graph()
-    graph.add_nodes_from(("camera", i) for i in range(len(problem.cameras)))
-    graph.add_edges_from(
-        (("camera", int(c)), ("rect", int(n))) for c, n in zip(problem.camera, problem.node, strict=True)
-    )
-    return graph
 
 
 def components(problem: Problem) -> list[list[int]]:

@@ -12,7 +12,7 @@ from quadrig.single.lens import LENS_PARAMETERS, LensModel, project_with_derivat
 from quadrig.single.pose import Pose
 from quadrig.single.rotation import Array, cross_matrix
 
-from .result import CAMERA_PARAMETERS, Camera
+from .result import Camera
 
 
 def camera_derivatives(camera: Camera, points: Array) -> tuple[Array, Array, Array]:
@@ -64,44 +64,6 @@ def rectangle_derivatives(by_point: Array, rig_from_rect: Pose, points: Array) -
     """By the step of rig_from_rect (..., P, 2, 6), of by_point (..., P, 2, 3) and the points (P, 3) it has."""
     arm = (rig_from_rect.rotation[..., None, :, :] @ points[..., None])[..., 0]
     return np.concatenate([-by_point @ cross_matrix(arm), by_point], axis=-1)
-
-
-def camera_information(
-    cameras: Sequence[Camera],
-    rig_from_rect: Pose,
-    points: Array,
-    sees: Array,
-    sigma: float = 1.0,
-) -> Array:
-    """Information (15 C, 15 C) on the cameras of rectangles that stood at the poses (B,) of rig_from_rect.
-
-    points (P, 3): of the rectangle's frame; sees (B, C, P) bool: which camera saw which point; sigma: px. Each
-    pose is unknown by itself (a moving rectangle) and is eliminated by the Schur complement.
-    """
-    size = len(cameras) * CAMERA_PARAMETERS
-    total = np.zeros((size, size))
-    for by_cameras, by_rectangle in _rows(cameras, rig_from_rect, points, sees):
-        cross = by_cameras.T @ by_rectangle
-        total += by_cameras.T @ by_cameras - cross @ np.linalg.pinv(by_rectangle.T @ by_rectangle) @ cross.T
-    return total / sigma**2
-
-
-def _rows(cameras: Sequence[Camera], rig_from_rect: Pose, points: Array, sees: Array):
-    """For each pose: derivatives of all pixels by all cameras (2CP, 15C) and by the rectangle (2CP, 6)."""
-    count, size = len(cameras), len(cameras) * CAMERA_PARAMETERS
-    in_rig = rig_from_rect[:, None].transform(points)
-    derivatives = [camera_derivatives(camera, in_rig) for camera in cameras]
-    for pose in range(len(in_rig)):
-        by_cameras = np.zeros((count, 2 * len(points), size))
-        by_rectangle = np.zeros((count, 2 * len(points), 6))
-        for index, (_, by_camera, by_point) in enumerate(derivatives):
-            seen = np.repeat(sees[pose, index], 2)[:, None]
-            start = index * CAMERA_PARAMETERS
-            block = by_camera[pose].reshape(-1, CAMERA_PARAMETERS)
-            by_cameras[index, :, start : start + CAMERA_PARAMETERS] = np.where(seen, block, 0)
-            by_step = rectangle_derivatives(by_point[pose], rig_from_rect[pose], points)
-            by_rectangle[index] = np.where(seen, by_step.reshape(-1, 6), 0)
-        yield by_cameras.reshape(-1, size), by_rectangle.reshape(-1, 6)
 
 
 def covariance_of(cameras: Sequence[Camera], information: Array, reference: str, prior: Array | None = None) -> Array:
@@ -159,21 +121,6 @@ def _in_picture(camera: Camera, pixels: Array, margin: float = 0.0) -> Array:
     size = np.array([camera.intrinsics.width, camera.intrinsics.height])
     with np.errstate(invalid="ignore"):
         return ((pixels >= margin) & (pixels <= size - 1 - margin)).all(-1)
-
-
-def point_sigmas(cameras: Sequence[Camera], covariance: Array, points: Array) -> Array:
-    """Sigma (N,) in metres, along the worst axis, of points (N, 3) triangulated by the cameras that see them.
-
-    From the doubt of the calibration alone. nan for points that fewer than two cameras see.
-    """
-    points = np.asarray(points, float)
-    sees = np.stack([visible(camera, points) for camera in cameras])
-    derivatives = triangulation_derivatives(cameras, points, sees)
-    variances = derivatives @ covariance @ np.swapaxes(derivatives, -1, -2)
-    result = np.full(len(points), np.nan)
-    possible = np.isfinite(variances).all((1, 2))
-    result[possible] = np.sqrt(np.maximum(np.linalg.eigvalsh(variances[possible])[:, -1], 0))
-    return result
 
 
 def _free(camera: Camera) -> Array:

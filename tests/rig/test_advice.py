@@ -9,9 +9,9 @@ from quadrig.rig.advice import Advice, Situation, advise, best_placement, connec
 from quadrig.rig.coach import Coach
 from quadrig.rig.information import (
     camera_derivatives,
-    camera_information,
     covariance_of,
-    point_sigmas,
+    rectangle_derivatives,
+    triangulation_derivatives,
     visible,
 )
 from quadrig.rig.next_view import (
@@ -22,7 +22,7 @@ from quadrig.rig.next_view import (
     planning_points,
     seen,
 )
-from quadrig.rig.result import Camera, PlacedRectangle, Rig
+from quadrig.rig.result import CAMERA_PARAMETERS, Camera, PlacedRectangle, Rig
 from quadrig.rig.working_accuracy import working_accuracy
 from quadrig.single.lens import Intrinsics
 from quadrig.single.pose import Pose
@@ -71,6 +71,38 @@ def as_placements(poses, rectangle=SHEET):
     batch = stacked(poses)
     empty = np.zeros(len(poses), int)
     return Placements(rectangle, batch, empty, np.zeros((len(poses), 2)), empty, np.zeros((len(poses), 2)), empty)
+
+
+def camera_information(cameras, rig_from_rect, points, sees, sigma):
+    """Information (15 C, 15 C) on the cameras of rectangles that stood at the poses (B,) of rig_from_rect.
+
+    points (P, 3): of the rectangle's frame; sees (B, C, P) bool: which camera saw which point; sigma: px. Each
+    pose is unknown by itself (a moving rectangle) and is eliminated by the Schur complement.
+    """
+    size = len(cameras) * CAMERA_PARAMETERS
+    total = np.zeros((size, size))
+    for by_cameras, by_rectangle in _rows(cameras, rig_from_rect, points, sees):
+        cross = by_cameras.T @ by_rectangle
+        total += by_cameras.T @ by_cameras - cross @ np.linalg.pinv(by_rectangle.T @ by_rectangle) @ cross.T
+    return total / sigma**2
+
+
+def _rows(cameras, rig_from_rect, points, sees):
+    """For each pose: derivatives of all pixels by all cameras (2CP, 15C) and by the rectangle (2CP, 6)."""
+    count, size = len(cameras), len(cameras) * CAMERA_PARAMETERS
+    in_rig = rig_from_rect[:, None].transform(points)
+    derivatives = [camera_derivatives(camera, in_rig) for camera in cameras]
+    for pose in range(len(in_rig)):
+        by_cameras = np.zeros((count, 2 * len(points), size))
+        by_rectangle = np.zeros((count, 2 * len(points), 6))
+        for index, (_, by_camera, by_point) in enumerate(derivatives):
+            seen = np.repeat(sees[pose, index], 2)[:, None]
+            start = index * CAMERA_PARAMETERS
+            block = by_camera[pose].reshape(-1, CAMERA_PARAMETERS)
+            by_cameras[index, :, start : start + CAMERA_PARAMETERS] = np.where(seen, block, 0)
+            by_step = rectangle_derivatives(by_point[pose], rig_from_rect[pose], points)
+            by_rectangle[index] = np.where(seen, by_step.reshape(-1, 6), 0)
+        yield by_cameras.reshape(-1, size), by_rectangle.reshape(-1, 6)
 
 
 def rig_that_saw(cameras, poses, rectangle=SHEET):
@@ -163,7 +195,8 @@ def test_point_sigmas_are_the_scatter_of_triangulated_points():
     rig = rig_that_saw(cameras, [waved(rng, cameras, middle) for _ in range(25)])
     point = middle + np.array([0.1, -0.05, 0.1])
     truth = np.concatenate([visible(c, point[None]) for c in cameras])
-    foretold = point_sigmas(cameras, rig.covariance, point[None])[0]
+    moves = triangulation_derivatives(cameras, point[None])[0]
+    foretold = np.sqrt(np.linalg.eigvalsh(moves @ rig.covariance @ moves.T)[-1])
     pixels = [c.intrinsics.project(c.rig_from_camera.inverse().transform(point)) for c in cameras]
     errors = []
     root = np.linalg.cholesky(rig.covariance + 1e-18 * np.eye(len(rig.covariance)))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from quadrig.rig.calibrate import calibrate
-from quadrig.rig.graph import components, first_rig, pose_graph
+from quadrig.rig.graph import components, first_rig
 from quadrig.rig.problem import build_problem
 from quadrig.rig.start import start
 from quadrig.single.rotation import rotation_from_vector
@@ -15,16 +15,6 @@ from quadrig.single.rotation import rotation_from_vector
 def first_of(made, views=None, reference=0):
     problem = build_problem(made.inputs, made.rectangles, made.views if views is None else views)
     return problem, first_rig(problem, start(problem).candidates, reference)
-
-
-def test_the_graph_has_a_node_for_each_camera_and_rectangle_pose(board_rig):
-    made, _ = board_rig
-    problem = build_problem(made.inputs, made.rectangles, made.views)
-    graph = pose_graph(problem)
-    assert sum(1 for kind, _ in graph if kind == "camera") == 3
-    moving = {(v.rectangle, v.frameset) for v in made.views if v.rectangle == "sheet"}
-    still = {v.rectangle for v in made.views if v.rectangle != "sheet"}
-    assert sum(1 for kind, _ in graph if kind == "rect") == len(moving) + len(still)
 
 
 def test_components_are_those_that_share(board_rig):
