@@ -16,10 +16,7 @@ def written_beside(path: Path | str) -> Iterator[Path]:
     Raises QuadrigError where the folder is absent or cannot be written to.
     """
     path = Path(path)
-    if path.is_dir():
-        raise QuadrigError(f"{path} is a folder; give the name of a file to write")
-    if not path.parent.is_dir():
-        raise QuadrigError(f"cannot write {path}: there is no folder {path.parent}; make it first")
+    refuse_no_place(path)
     try:
         handle, name = tempfile.mkstemp(prefix=f".{path.stem}-", suffix=path.suffix, dir=path.parent)
     except OSError as error:
@@ -36,6 +33,14 @@ def written_beside(path: Path | str) -> Iterator[Path]:
     finally:
         with suppress(OSError):
             beside.unlink(missing_ok=True)
+
+
+def refuse_no_place(path: Path) -> None:
+    """Raises QuadrigError where a file cannot be written because its name is a folder's or its folder is absent."""
+    if path.is_dir():
+        raise QuadrigError(f"{path} is a folder; give the name of a file to write")
+    if not path.parent.is_dir():
+        raise QuadrigError(f"cannot write {path}: there is no folder {path.parent}; make it first")
 
 
 def write_text(path: Path | str, text: str) -> None:

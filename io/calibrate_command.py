@@ -13,9 +13,11 @@ from quadrig.rig.calibrate import calibrate as calibrate_views
 from quadrig.rig.result import Rig
 from quadrig.single.errors import QuadrigError
 
+from .beside import refuse_no_place
 from .calibrate_job import CalibrateJob
 from .calibrate_recording import Effort, Searched, refuse_missing, search_recording
 from .config import RigConfig, read_config
+from .detection_file import detections_beside
 from .rig_file import read_rig, write_rig
 
 
@@ -28,28 +30,31 @@ def calibrate(
     ] = None,
     before: Annotated[Path | None, typer.Option("--from", help="The rig.mcap from before a camera moved.")] = None,
     all_cameras: Annotated[
-        bool, typer.Option("--all-cameras", help="Fail, and write nothing, rather than leave a camera out.")
+        bool, typer.Option("--all-cameras", help="Fail, and write no rig, rather than leave a camera out.")
     ] = False,
     tolerance: Annotated[float | None, typer.Option(help="Most that stamps of one instant differ, seconds.")] = None,
     share: Annotated[
         float, typer.Option(min=0.0, max=1.0, help="Search only this share of the framesets, the best ones.")
     ] = 1.0,
     cache: Annotated[
-        Path | None, typer.Option(help="An MCAP that keeps what was found, so that a second run is quick.")
+        Path | None,
+        typer.Option(help="Where what was found is kept for the next run; else rig.detections.mcap beside rig.mcap."),
     ] = None,
+    no_cache: Annotated[bool, typer.Option("--no-cache", help="Keep nothing, and search every image anew.")] = False,
     workers: Annotated[int | None, typer.Option(min=1, help="Worker processes; else one a processor.")] = None,
     each: Annotated[
         bool,
         typer.Option("--each", help="Every RECORDING is a rig of its own; --output is their folder."),
     ] = False,
-    cluster: Annotated[str | None, typer.Option(help="With --each: a Dask scheduler, tcp://HOST:8786.")] = None,
+    dask: Annotated[str | None, typer.Option(help="With --each: a Dask scheduler, tcp://HOST:8786.")] = None,
     again: Annotated[bool, typer.Option("--again", help="With --each: also those whose results are there.")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="The result as JSON, for programs.")] = False,
 ) -> None:
     """Calibrate the cameras of a recording.
 
     Finds the rectangles of rig.toml in every image, solves lenses and poses together, says how sure each is, and
-    writes rig.mcap. Cameras that share no rectangle with the others are left out, and it is said why.
+    writes rig.mcap. Cameras that share no rectangle with the others are left out, and it is said why. What was found
+    is kept in rig.detections.mcap: the same command does not search again what was searched, also after Ctrl-C.
 
     Example: rig calibrate room.mcap --config rig.toml -o rig.mcap
 
@@ -60,17 +65,29 @@ def calibrate(
     described = read_config(config)
     if bool(only) != (before is not None):
         raise QuadrigError("--only and --from belong together: give the camera that moved and the rig from before")
+    if cache is not None and (no_cache or each):
+        other = "--each, which keeps what was found beside each result" if each else "--no-cache"
+        raise QuadrigError(f"--cache does not go with {other}; leave one of them out")
     if each:
-        _calibrate_each(
-            recording, output, CalibrateJob(described.text, tolerance, share, all_cameras), workers, cluster, again
-        )
+        calibrate_one = CalibrateJob(described.text, tolerance, share, all_cameras, keep=not no_cache)
+        _calibrate_each(recording, output, calibrate_one, workers, dask, again)
         return
+    if dask is not None:
+        raise QuadrigError("--dask is for many recordings; give them with --each")
+    refuse_no_place(output)
+    if not no_cache:
+        cache = cache or detections_beside(output)
     earlier = read_rig(before) if before is not None else None
     effort = Effort(tolerance, share, workers, cache)
     searched = search_recording(recording, described, effort)
     for note in searched.notes:
         print(f"note: {note}", file=sys.stderr)
-    rig = _solve(searched, described, only or [], earlier)
+    try:
+        rig = _solve(searched, described, only or [], earlier)
+    except KeyboardInterrupt:
+        if not no_cache:
+            print(f"stopped: what was found is kept in {cache}; the same command goes on from there", file=sys.stderr)
+        raise
     if all_cameras:
         refuse_missing(rig)
     for sentence in rig.missing.values():
@@ -95,7 +112,7 @@ def _calibrate_each(
     output: Path,
     calibrate_one: CalibrateJob,
     workers: int | None,
-    cluster: str | None,
+    dask: str | None,
     again: bool,
 ) -> None:
     from .fleet import dask_executor, find_jobs, run_fleet
@@ -104,12 +121,17 @@ def _calibrate_each(
         raise QuadrigError(f"--each writes many results and {output} is one file; give a folder with --output")
     jobs = find_jobs(recordings, output)
     output.mkdir(parents=True, exist_ok=True)
-    failed = 0
-    with dask_executor(cluster) if cluster else nullcontext() as executor:
-        for outcome in run_fleet(calibrate_one, jobs, workers, executor, again):
-            state = "failed: " if outcome.failed else "" if outcome.kept else f"{outcome.seconds:.0f} s: "
-            print(f"{outcome.job.output}: {state}{outcome.message}", flush=True)
-            failed += outcome.failed
+    failed = done = 0
+    try:
+        with dask_executor(dask) if dask else nullcontext() as executor:
+            for outcome in run_fleet(calibrate_one, jobs, workers, executor, again):
+                state = "failed: " if outcome.failed else "" if outcome.kept else f"{outcome.seconds:.0f} s: "
+                print(f"{outcome.job.output}: {state}{outcome.message}", flush=True)
+                failed += outcome.failed
+                done += not outcome.failed
+    except KeyboardInterrupt:
+        print(f"stopped: {done} of {len(jobs)} rigs are made; the same command goes on from there", file=sys.stderr)
+        raise
     if failed:
         raise QuadrigError(f"{failed} of {len(jobs)} recordings failed; their lines above say why")
 

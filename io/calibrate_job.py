@@ -7,6 +7,7 @@ from quadrig.rig.calibrate import calibrate
 
 from .calibrate_recording import Effort, refuse_missing, search_recording
 from .config import RigConfig, parse_config
+from .detection_file import detections_beside
 from .fleet import Job
 from .result_table import millimetres
 from .rig_file import write_rig
@@ -17,19 +18,21 @@ class CalibrateJob:
     """What run_fleet calls for every recording: `rig calibrate` with one rig.toml for all.
 
     config_text: the rig.toml; it travels to other machines where the recordings have the same paths, the rig.toml
-    perhaps not.
+    perhaps not. keep: what was found, beside the rig, for the next run.
     """
 
     config_text: str
     tolerance: float | None = None
     share: float = 1.0
     all_cameras: bool = False
+    keep: bool = True
 
     def __call__(self, job: Job) -> str:
         """Calibrates one recording and writes its rig. Raises QuadrigError as `rig calibrate` does."""
         config: RigConfig = parse_config(self.config_text)
         # Every process has one recording: it searches by itself and shows no bar of its own.
-        effort = Effort(self.tolerance, self.share, workers=1, progress=False)
+        cache = detections_beside(job.output) if self.keep else None
+        effort = Effort(self.tolerance, self.share, workers=1, cache=cache, progress=False)
         searched = search_recording([Path(path) for path in job.recording], config, effort)
         rig = calibrate(searched.cameras, config.rectangles, searched.views, config.reference)
         if self.all_cameras:

@@ -54,14 +54,15 @@ class Searched:
 
     @property
     def notes(self) -> list[str]:
-        """What was left out, in sentences."""
-        unreadable = self.detections.unreadable
+        """What was left out or found before, in sentences."""
+        unreadable, reused = self.detections.unreadable, self.detections.reused
         return [
             *self.recording.notes,
             *(
                 f"camera {name!r}: {count} images cannot be read and are left out"
                 for name, count in unreadable.items()
             ),
+            *([f"{reused} images were searched before; what was kept of them is used"] if reused else []),
         ]
 
 

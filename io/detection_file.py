@@ -16,6 +16,7 @@ from quadrig.single.rectangle import Rectangle
 from quadrig.single.rotation import Array
 from quadrig.single.view import View
 
+from .image_folder import folder_images
 from .mcap_reader import McapBytes, index_mcap
 from .recording import RecordedCamera, Recording
 
@@ -53,11 +54,16 @@ Found = dict[tuple[str, int], tuple[View, ...] | None]
 
 def camera_key(recording: Recording, camera: RecordedCamera, rectangles: Sequence[Rectangle]) -> str:
     """What detections in a camera's images depend on, as a short word: the files, the topic, the markings."""
-    files = [_file_mark(path) for path in recording.paths]
+    files = [_file_mark(path) for path in recording.files]
     # A surveyed pose, or whether it moves, changes nothing of what is seen.
     sheets = [{k: v for k, v in _plain(one).items() if k not in ("moving", "world_from_rect")} for one in rectangles]
     mark = [FORMAT, files, Path(camera.topic).name, camera.width, camera.height, camera.frames, sheets]
     return hashlib.blake2b(msgspec.json.encode(mark), digest_size=12).hexdigest()
+
+
+def detections_beside(result: Path) -> Path:
+    """Where the detections behind a result are kept: rig.detections.mcap beside rig.mcap."""
+    return result.with_suffix(".detections.mcap")
 
 
 def read_detections(path: Path, keys: Mapping[str, str]) -> Found:
@@ -201,9 +207,9 @@ def _annotations(views: Sequence[View], stamp: int) -> bytes:
 
 
 def _file_mark(path: Path) -> list:
-    """Name, size and time of a file, or of every file in a folder: what changes when the pictures do."""
-    parts = sorted(path.iterdir()) if path.is_dir() else [path]
-    return [[part.name, part.stat().st_size, part.stat().st_mtime_ns] for part in parts if part.is_file()]
+    """Name, size and time of a file, or of every image in a folder: what changes when the pictures do."""
+    parts = folder_images(path) if path.is_dir() else [path]
+    return [[part.name, part.stat().st_size, part.stat().st_mtime_ns] for part in parts]
 
 
 def _plain(rectangle: Rectangle) -> dict[str, Any]:

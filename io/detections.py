@@ -75,7 +75,8 @@ def find_detections(
 
     cache: an MCAP that keeps what is found: images that it has are not searched again. executor: runs the tasks
     instead of a process pool of `workers`. Ctrl-C ends the workers, keeps what was found, and says so.
-    Raises QuadrigError where the cache cannot be written or workers keep dying.
+    Where nothing at all is found, nothing is kept. Raises QuadrigError where the cache cannot be written or workers
+    keep dying.
     """
     keys = {camera.name: camera_key(recording, camera, rectangles) for camera in recording.cameras}
     found = read_detections(cache, keys) if cache is not None else {}
@@ -84,6 +85,8 @@ def find_detections(
     reused = sum(len(framesets.of_camera(camera.name)[1]) for camera in recording.cameras) - searched
     if batches:
         _search(recording, batches, found, keys, progress, workers, cache, executor)
+        if cache is not None and not any(found.values()):
+            cache.unlink()
     return Detections(_in_order(recording, framesets, found), searched, reused, _unreadable(framesets, found))
 
 

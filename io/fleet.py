@@ -10,6 +10,7 @@ from time import monotonic
 from quadrig.single.errors import QuadrigError
 
 from .image_folder import folder_images
+from .recording import is_result
 from .video import VIDEO_SUFFIXES
 from .workers import run_tasks
 
@@ -17,9 +18,6 @@ from .workers import run_tasks
 _RETRIES = 3
 # A scheduler on another continent answers in one.
 _SECONDS_TO_ANSWER = 10
-
-
-_RESULTS = (".rig.mcap", ".detections.mcap")
 
 
 @dataclass(frozen=True)
@@ -151,7 +149,5 @@ def _recordings(path: Path) -> list[Path]:
         return [path]
     if any(p.is_dir() and folder_images(p) for p in inside):
         return [path]
-    mcaps = [
-        p for p in inside if p.suffix.lower() == ".mcap" and not p.name.endswith((".rig.mcap", ".detections.mcap"))
-    ]
+    mcaps = [p for p in inside if p.suffix.lower() == ".mcap" and not is_result(p)]
     return mcaps + [part for p in inside if p.is_dir() for part in _recordings(p)]

@@ -57,9 +57,14 @@ class RecordedCamera:
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """Cameras that recorded together. notes: what was left out or taken in a way worth saying, in sentences."""
+    """Cameras that recorded together.
+
+    paths: as they were given; files: the MCAP files, videos and folders of images that were found there and hold
+    images. notes: what was left out or taken in a way worth saying, in sentences.
+    """
 
     paths: tuple[Path, ...]
+    files: tuple[Path, ...]
     cameras: tuple[RecordedCamera, ...]
     notes: tuple[str, ...] = ()
     indexed: bool = True
@@ -89,22 +94,24 @@ def open_recording(paths: Sequence[Path], topics: Mapping[str, str | None] | Non
     """
     if not paths:
         raise QuadrigError("no recording given; name an MCAP file, videos or folders of images")
-    mcaps: list[Path] = []
-    cameras: list[RecordedCamera] = []
-    for path in (part for given in paths for part in _expand(Path(given))):
-        if path.is_dir() or path.suffix.lower() in VIDEO_SUFFIXES:
-            cameras.append(_camera_of_files(path))
-        else:
-            mcaps.append(path)
+    parts = [part for given in paths for part in _expand(Path(given))]
+    files = [part for part in parts if part.is_dir() or part.suffix.lower() in VIDEO_SUFFIXES]
+    cameras = [_camera_of_files(path) for path in files]
     notes: list[str] = []
-    indexes = [index_mcap(path) for path in mcaps]
+    indexes = [index_mcap(path) for path in parts if path not in files]
     for index in indexes:
         if index.note:
             notes.append(f"{index.path}: {index.note}; what is whole is used")
     found, others = _cameras_of_mcaps(indexes, topics or {}, notes)
     chosen = _choose([*found, *cameras], topics or {}, paths, notes)
     indexed = all(index.indexed for index in indexes)
-    return Recording(tuple(Path(path) for path in paths), tuple(chosen), tuple(notes), indexed, others)
+    files += [index.path for index in indexes if any(holds_images(one.encoding, one.schema) for one in index.topics)]
+    return Recording(tuple(map(Path, paths)), tuple(files), tuple(chosen), tuple(notes), indexed, others)
+
+
+def is_result(path: Path) -> bool:
+    """Whether a file's name is that of a rig or of kept detections, which often lie beside recordings."""
+    return path.name == "rig.mcap" or path.name.endswith((".rig.mcap", ".detections.mcap"))
 
 
 def camera_name(topic: str) -> str:
@@ -129,7 +136,7 @@ def _expand(path: Path) -> list[Path]:
     if folder_images(path):
         return [path]
     inside = sorted(path.iterdir())
-    mcaps = [p for p in inside if p.suffix.lower() == ".mcap"]
+    mcaps = [p for p in inside if p.suffix.lower() == ".mcap" and not is_result(p)]
     videos = [p for p in inside if p.suffix.lower() in VIDEO_SUFFIXES]
     folders = [p for p in inside if p.is_dir() and folder_images(p)]
     parts = mcaps or [*videos, *folders]

@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
+from types import FrameType
 from typing import TypeVar
 
 import cv2
@@ -75,7 +76,7 @@ def _completed(
     executor: Executor, function: Callable[[Task], Result], tasks: Sequence[tuple[int, Task]]
 ) -> Iterator[tuple[int, Result]]:
     with _starting_processes(with_script=function.__module__ == "__main__"):
-        futures: dict[Future[Result], int] = {executor.submit(function, task): index for index, task in tasks}
+        futures: dict[Future[Result], int] = {executor.submit(_run, function, task): index for index, task in tasks}
     try:
         for future in as_completed(futures):
             yield futures[future], future.result()
@@ -129,7 +130,21 @@ def _starting_processes(with_script: bool) -> Iterator[None]:
             signal.pthread_sigmask(signal.SIG_SETMASK, blocked)
 
 
+def _run(function: Callable[[Task], Result], task: Task) -> Result:
+    try:
+        return function(task)
+    except SystemExit:
+        # The pool would take it for a result and hand out the next task.
+        os._exit(1)
+
+
 def _begin_worker() -> None:
     """Ctrl-C is the parent's business, and processes beat OpenCV's own threads."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, _end)
     cv2.setNumThreads(1)
+
+
+def _end(number: int, frame: FrameType | None) -> None:
+    """A worker that is told to end finishes or removes on its way out what it is writing."""
+    sys.exit(1)

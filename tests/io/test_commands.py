@@ -117,6 +117,16 @@ def test_two_cameras_that_share_a_rectangle_become_a_rig(pictures: Path, tmp_pat
     assert (tmp_path / "rig.mcap").stat().st_size > 1000
 
 
+def test_a_second_run_does_not_search_again(pictures: Path, tmp_path: Path) -> None:
+    arguments = ["calibrate", pictures / "left", pictures / "right", "-c", pictures / "rig.toml", "--json"]
+    runs = [
+        rig(*arguments, "-o", tmp_path / f"{name}.mcap", *more) for name, *more in (("a", "--no-cache"), "b", "b")
+    ]
+    assert ["12 images were searched before" in done.stderr for done in runs] == [False, False, True]
+    assert len({done.stdout for done in runs}) == 1
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.mcap", "b.detections.mcap", "b.mcap"]
+
+
 def test_the_table_leads_with_the_working_accuracy(pictures: Path, tmp_path: Path) -> None:
     arguments = ["calibrate", pictures / "left", pictures / "right", "-c", pictures / "rig.toml"]
     done = rig(*arguments, "-o", tmp_path / "rig.mcap")
@@ -131,7 +141,7 @@ def test_a_camera_that_shares_nothing_is_named_and_left_out(pictures: Path, tmp_
     folders = [pictures / name for name in ("left", "right", "hall")]
     done = rig("calibrate", *folders, "-c", pictures / "rig.toml", "-o", result, "--all-cameras")
     assert_one_sentence(done, "hall", "shelf", "left", "right")
-    assert not list(tmp_path.iterdir())
+    assert not result.exists()
     done = rig("calibrate", *folders, "-c", pictures / "rig.toml", "-o", result)
     assert done.returncode == 0, done.stderr
     assert "missing" in done.stdout
@@ -144,7 +154,15 @@ def test_cameras_that_share_nothing_at_all_make_no_rig(pictures: Path, tmp_path:
     folders = [pictures / name for name in ("left", "hall")]
     done = rig("calibrate", *folders, "-c", pictures / "rig.toml", "-o", tmp_path / "rig.mcap")
     assert_one_sentence(done, "hall", "left")
-    assert not list(tmp_path.iterdir())
+    # No rig, but the next attempt, with another rig.toml or one camera more, need not search these images again.
+    assert [path.name for path in tmp_path.iterdir()] == ["rig.detections.mcap"]
+
+
+def test_pictures_of_nothing_leave_nothing_behind(pictures: Path, tmp_path: Path) -> None:
+    (tmp_path / "rig.toml").write_text(ROOM.replace("id = 1", "id = 11").replace("id = 2", "id = 12"))
+    done = rig("calibrate", pictures / "left", pictures / "right", cwd=tmp_path)
+    assert_one_sentence(done)
+    assert [path.name for path in tmp_path.iterdir()] == ["rig.toml"]
 
 
 def test_bad_recordings_are_told_in_one_sentence(pictures: Path, tmp_path: Path) -> None:
@@ -198,9 +216,10 @@ def test_each_recording_becomes_a_rig_of_its_own(pictures: Path, tmp_path: Path)
     done = rig(*arguments)
     assert done.returncode == 0, done.stderr
     written = sorted(path.name for path in (tmp_path / "rigs").iterdir())
-    assert written == ["monday.rig.mcap", "tuesday.rig.mcap"]
+    assert written == [f"{day}.rig{kind}" for day in ("monday", "tuesday") for kind in (".detections.mcap", ".mcap")]
     assert rig(*arguments).stdout.count("kept") == 2
     assert_one_sentence(rig(*arguments[:-1], tmp_path / "one.mcap"), "--each", "folder")
+    assert_one_sentence(rig(*arguments, "--cache", tmp_path / "one.mcap"), "--each", "--cache")
 
 
 def test_only_needs_the_rig_from_before(pictures: Path) -> None:

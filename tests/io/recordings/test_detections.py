@@ -160,6 +160,11 @@ def test_a_killed_worker_loses_nothing(tmp_path, monkeypatch):
         list(run_tasks(given.killed_always, [1, 2], workers=2))
 
 
+BOARD = """
+[[rectangle]]
+name = "board"
+marking = { kind = "chessboard", columns = 10, rows = 8, square = 0.05 }
+"""
 # No `if __name__ == "__main__"`: a user's script has to work without it.
 SCRIPT = """
 import sys
@@ -186,16 +191,22 @@ def living(group: int) -> list[str]:
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals")
-def test_ctrl_c_keeps_what_was_found_and_says_how_to_go_on(tmp_path):
+@pytest.mark.parametrize("way", ["script", "command"])
+def test_ctrl_c_keeps_what_was_found_and_says_how_to_go_on(tmp_path, way):
     folder, cache, script = tmp_path / "cam0", tmp_path / "kept" / "rig.detections.mcap", tmp_path / "script.py"
     folder.mkdir()
     cache.parent.mkdir()
     script.write_text(SCRIPT)
+    (tmp_path / "rig.toml").write_text(BOARD)
     # Noise costs a chessboard's search the most.
     noise = np.random.default_rng(1).integers(0, 255, (480, 640), dtype=np.uint8)
     for k in range(300):
         cv2.imwrite(str(folder / f"{k:04}.pgm"), np.roll(noise, k, axis=1))
     command = [sys.executable, str(script), str(folder), str(cache)]
+    if way == "command":
+        # What was found is kept beside the rig without being asked for.
+        rig, described = Path(sys.executable).with_name("rig"), tmp_path / "rig.toml"
+        command = [str(rig), "calibrate", str(folder), "-c", str(described), "-o", str(cache.parent / "rig.mcap")]
     process = subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
     )
