@@ -44,9 +44,14 @@ class Motion:
         return self.rate + 2 * (self.lag + offset)[:, None] * self.bend
 
 
-def motion(problem: Problem, rig_from_node: Pose) -> Motion | None:
-    """The motion of every View's rectangle, from the poses of its neighbours in time; None where none is known."""
-    time = np.array([view.time for view in problem.views])
+def motion(problem: Problem, rig_from_node: Pose, offsets: Array) -> Motion | None:
+    """The motion of every View's rectangle, from the poses of its neighbours in time; None where none is known.
+
+    offsets (C,) s: of the clocks. A pose is the rectangle's at the mean of when its Views were truly taken, so that
+    motion carries none of them farther than need be.
+    """
+    stamp = np.array([view.time for view in problem.views])
+    time = stamp + offsets[problem.camera]
     stamped = np.isfinite(time)
     count = np.bincount(problem.node, stamped, len(problem.nodes))
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -69,7 +74,7 @@ def motion(problem: Problem, rig_from_node: Pose) -> Motion | None:
     return Motion(
         np.where(known[:, None], rate[problem.node], 0.0),
         np.where(known[:, None], bend[problem.node], 0.0),
-        np.where(known, time - node_time[problem.node], 0.0),
+        np.where(known, stamp - node_time[problem.node], 0.0),
         seen >= _FEWEST_VIEWS,
     )
 

@@ -189,10 +189,10 @@ def _loosened(
 
 def _with_motion(problem: Problem, state: State) -> State:
     """The state with the motion of rectangles that its poses show, where frames are close enough to show any."""
-    moved = motion(problem, state.rig_from_rect)
+    offsets = np.zeros(len(state.lens)) if state.offsets is None else state.offsets
+    moved = motion(problem, state.rig_from_rect, offsets)
     if moved is None:
         return state
-    offsets = np.zeros(len(state.lens)) if state.offsets is None else state.offsets
     return replace(state, motion=moved, offsets=offsets)
 
 

@@ -128,7 +128,7 @@ def test_motion_is_that_of_the_rectangle():
     when = {view.frameset: view.frameset / RATE + PHASES.mean() for view in views}
     poses = [board_at(when[node.frameset]) for node in problem.nodes]
     batch = Pose(np.stack([p.rotation for p in poses]), np.stack([p.translation for p in poses]))
-    moved = motion(problem, batch)
+    moved = motion(problem, batch, np.zeros(3))
     assert moved is not None
     seen = batch[problem.node].retract(moved.step(np.zeros(len(views))))
     true = [board_at(view.time) for view in problem.views]
@@ -142,4 +142,4 @@ def test_motion_is_not_guessed_over_gaps():
     sparse = [view for view in views if view.frameset % 15 == 0]
     problem = build_problem(INPUTS, [BOARD], sparse)
     count = len(problem.nodes)
-    assert motion(problem, Pose(np.tile(np.eye(3), (count, 1, 1)), np.zeros((count, 3)))) is None
+    assert motion(problem, Pose(np.tile(np.eye(3), (count, 1, 1)), np.zeros((count, 3))), np.zeros(3)) is None
