@@ -117,6 +117,8 @@ def solve_jointly(
     # The same minimum with weights of the final noise, and the covariance that belongs to them.
     adjustment = _at_noise(used, found, freedom, last, noise)
     reduced = undamped(adjustment, freedom)
+    covariance = reduced_inverse(reduced)
+    noise = noise_of(*left_over(adjustment, used, freedom, noise, covariance))
     predicted = _without_slack(used, adjustment.state, freedom, noise)
     return Joint(
         adjustment,
@@ -124,7 +126,7 @@ def solve_jointly(
         freedom,
         judged,
         noise,
-        reduced_inverse(reduced),
+        covariance,
         reduced,
         choices,
         costs,
@@ -272,32 +274,48 @@ def _robust(
     """Cauchy's loss from the first rig on, Views that fit nothing left out until the rig can judge them."""
     weights = [np.where(first.agrees[g.view][:, None], g.weights, 0.0) for g in observations.groups]
     trusted = observations.with_weights(weights)
+    unknowns = 6 * float(_seen(trusted).sum() + freedom.pose.sum()) + float(freedom.lens.sum())
     while True:
         found = adjust(trusted, state, freedom, noise, robust=True, most_steps=12, tables=tables, tolerance=ROUGH)
-        seen = max(robust_noise(trusted, found.linearised.squares), LEAST_NOISE)
+        seen = max(robust_noise(trusted, found.linearised.squares, unknowns), LEAST_NOISE)
         if abs(np.log(seen / noise)) < _SAME_NOISE:
             return found, seen
         state, noise = found.state, seen
 
 
 def _noise(adjustment: Adjustment, used: Observations, freedom: Freedom, noise: float) -> float:
-    return noise_of(*left_over(adjustment, used, freedom, noise))
+    covariance = reduced_inverse(undamped(adjustment, freedom))
+    return noise_of(*left_over(adjustment, used, freedom, noise, covariance))
 
 
-def left_over(adjustment: Adjustment, used: Observations, freedom: Freedom, noise: float) -> tuple[float, float]:
-    """Sum of the weighted squared residuals (px^2) of a fit made with that noise, and its degrees of freedom, where
-    parameters that a prior holds count for less than one."""
-    chi_square = adjustment.linearised.cost * noise**2
+def _seen(used: Observations) -> Array:
+    """Which rectangle poses (N,) a View that carries weight shows."""
     seen = np.zeros(used.nodes, bool)
     for group in used.groups:
         seen[group.node[(group.weights > 0).any(axis=1)]] = True
-    unknowns = 6 * int((seen & freedom.node).sum()) + 6 * int(freedom.pose.sum())
-    reduced = undamped(adjustment, freedom)
-    variance = np.diagonal(reduced_inverse(reduced)).reshape(reduced.free.shape)[:, : len(adjustment.columns)]
-    held = (freedom.prior_information * freedom.lens)[:, adjustment.columns] * variance
-    unknowns += float(freedom.lens.sum() - held.sum())
+    return seen
+
+
+def left_over(
+    adjustment: Adjustment, used: Observations, freedom: Freedom, noise: float, covariance: Array
+) -> tuple[float, float]:
+    """Sum of the weighted squared residuals (px^2) of a fit made with that noise, and its degrees of freedom, where
+    parameters that a prior holds count for less than one. covariance (C M, C M): of the cameras, for that noise."""
+    chi_square = adjustment.linearised.cost * noise**2
+    unknowns = 6 * int((_seen(used) & freedom.node).sum()) + 6 * int(freedom.pose.sum())
+    cameras = len(adjustment.state.lens)
+    variance = np.diagonal(covariance).reshape(cameras, -1)[:, : len(adjustment.columns)]
+    prior = (freedom.prior_information * freedom.lens)[:, adjustment.columns]
+    unknowns += float(freedom.lens.sum())
     if adjustment.softened is not None and freedom.slack is not None:
         loose = freedom.slack.loose
         held = freedom.slack.information[loose] * np.einsum("vii->vi", adjustment.softened.inverse)[loose]
         unknowns += float((1 - held).sum())
-    return chi_square, 2 * used.count - unknowns
+    degrees = 2 * used.count - unknowns
+    # What a prior holds depends on the noise: once with that of the fit, then with what that says of it.
+    told = np.divide(1 - prior * variance, variance, out=np.zeros_like(variance), where=variance > 0)
+    share = 1.0
+    for _ in range(2):
+        held = np.divide(prior, prior + told / share, out=np.zeros_like(prior), where=prior > 0)
+        share = (noise_of(chi_square, degrees + float(held.sum())) / noise) ** 2
+    return chi_square, degrees + float(held.sum())

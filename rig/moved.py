@@ -199,7 +199,9 @@ def _new_information(rig: Rig, problem: Problem, joint: Joint) -> tuple[Array, A
     )
     nothing = np.zeros_like(joint.freedom.prior_information)
     opened = replace(joint.freedom, lens=free, pose=np.ones(len(free), bool), prior_information=nothing)
-    chi_square, freedom = left_over(joint.adjustment, joint.observations, joint.freedom, joint.noise)
+    chi_square, freedom = left_over(
+        joint.adjustment, joint.observations, joint.freedom, joint.noise, joint.covariance
+    )
     # What is known of the noise beforehand is what these cameras had when they were calibrated.
     usual = rig.noise if np.isfinite(rig.noise) else joint.noise
     # What the new recording's own parts disagree on is no motion either.

@@ -50,12 +50,20 @@ def noise_of(chi_square: float, freedom: float, usual: float = _USUAL_NOISE) -> 
     return float(np.sqrt(total / (max(freedom, 0.0) + USUAL_WEIGHT)))
 
 
-def robust_noise(observations: Observations, squares: tuple[Array, ...]) -> float:
-    """Sigma (px) of a coordinate from the median squared residual, which outliers do not move."""
+def robust_noise(observations: Observations, squares: tuple[Array, ...], unknowns: float = 0.0) -> float:
+    """Sigma (px) of a coordinate from the median squared residual, which outliers do not move.
+
+    unknowns: how many numbers were fitted to the Views; what they took up does not show in the residuals.
+    """
     values = [
         (square * group.certainty)[(group.weights > 0) & np.isfinite(square)]
         for group, square in zip(observations.groups, squares, strict=True)
     ]
     every = np.concatenate(values) if values else np.zeros(0)
+    if not len(every):
+        return _USUAL_NOISE
+    coordinates = 2 * observations.count
+    # Where nearly all is taken up, the rest says little: it counts for a tenth at least.
+    left = max(coordinates - unknowns, 0.1 * coordinates) / coordinates
     # The median of a squared length of two unit Gaussians is 2 ln 2.
-    return float(np.sqrt(np.median(every) / (2 * np.log(2)))) if len(every) else _USUAL_NOISE
+    return float(np.sqrt(np.median(every) / (2 * np.log(2)) / left))

@@ -211,10 +211,8 @@ def _refine(problem: Problem, observations: Observations, lens: Array, poses: Po
     # A mean squared length is twice the variance of a coordinate.
     noise = max(float(np.median(lengths)) / np.sqrt(2), LEAST_NOISE) if len(lengths) else _USUAL_NOISE
     found = adjust(observations, _by_themselves(lens, poses), freedom, noise, True, _MONO_STEPS, tolerance=ROUGH)
-    seen = max(robust_noise(observations, found.linearised.squares), LEAST_NOISE)
-    # Every View spent six of its coordinates on its pose, every camera two on its lens: what is left shows less.
-    coordinates, spent = 2 * observations.count, 6 * problem.shares.sum() + free.sum()
-    seen = float(seen * np.sqrt(coordinates / max(coordinates - spent, 0.1 * coordinates)))
+    unknowns = 6 * float(problem.shares.sum()) + float(free.sum())
+    seen = max(robust_noise(observations, found.linearised.squares, unknowns), LEAST_NOISE)
     lens_size = len(found.columns)
     gram = found.linearised.gram[:, lens_size : lens_size + 6, lens_size : lens_size + 6] * (noise / seen) ** 2
     covariance, cost = _own_doubt(gram, _chi_squares(observations, found.linearised.squares, seen))
