@@ -71,7 +71,8 @@ def _board_nearby(grey: Array, dictionary: str, board: Rectangle, before: Mappin
     if board.name not in before:
         return None
     window, corner = _window(grey, before[board.name])
-    tags = find_tags(window, dictionary, _wanted([board]), _board_ids([board]), quick=True)
+    # A board in motion is so blurred that only the slower passes find its tags; its window is small.
+    tags = find_tags(window, dictionary, _wanted([board]), _board_ids([board]))
     found = {tag_id: [quad + corner for quad in quads] for tag_id, quads in tags.items()}
     return detect_charuco(grey, board, found)
 
