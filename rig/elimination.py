@@ -42,13 +42,26 @@ def eliminate(normal: Normal, layout: Layout, free: Array, free_nodes: Array, da
     inverse = node_inverses(normal, damping)
     inverse[~free_nodes] = 0.0
     through = normal.pairs @ inverse[layout.pair_node]
-    meeting = through[layout.meeting_left] @ np.swapaxes(normal.pairs[layout.meeting_right], -1, -2)
-    blocks = -layout.meeting_by_block(meeting)
+    blocks = -_met(through, normal, layout, len(free))
     diagonal = layout.diagonal
     blocks[diagonal] += _damped(normal.cameras, damping)[layout.block_left[diagonal]]
     pulled = (through @ normal.node_gradient[layout.pair_node][..., None])[..., 0]
     gradient = normal.camera_gradient - layout.pair_by_camera(pulled)
     return Reduced(blocks, layout.block_left, layout.block_right, gradient, free, inverse)
+
+
+def _met(through: Array, normal: Normal, layout: Layout, cameras: int) -> Array:
+    """Blocks (B, M, M): what the rectangle poses tie every two cameras together with."""
+    nodes, size = len(normal.nodes), normal.pairs.shape[1]
+    if cameras * size >= _SMALL_SYSTEM:
+        meeting = through[layout.meeting_left] @ np.swapaxes(normal.pairs[layout.meeting_right], -1, -2)
+        return layout.meeting_by_block(meeting)
+    # For few cameras one large product, zeros and all, is quicker than many small ones.
+    left, right = np.zeros((2, cameras, size, nodes, 6))
+    left[layout.pair_camera, :, layout.pair_node] = through
+    right[layout.pair_camera, :, layout.pair_node] = normal.pairs
+    product = left.reshape(cameras * size, -1) @ right.reshape(cameras * size, -1).T
+    return product.reshape(cameras, size, cameras, size)[layout.block_left, :, layout.block_right]
 
 
 def node_inverses(normal: Normal, damping: float = 0.0) -> Array:
