@@ -24,10 +24,10 @@ _GRID = 4
 
 
 def weaknesses(rig: Rig) -> tuple[str, ...]:
-    """Sentences, the gravest first."""
-    sentences, cover = [], coverage(rig)
+    """Sentences, the gravest first; cameras that share a fault share a sentence."""
+    sentences = []
     for camera in rig.cameras:
-        sentences += _of_camera(rig, camera, cover[camera.name])
+        sentences += _of_camera(rig, camera)
     if np.isfinite(rig.left_out_rms) and rig.left_out_rms > max(_WORSE_LEFT_OUT * rig.rms, rig.rms + _NOTABLE):
         sentences.append(
             f"framesets left out of the fit miss by {rig.left_out_rms:.2f} px against {rig.rms:.2f} px of the fit: "
@@ -38,11 +38,10 @@ def weaknesses(rig: Rig) -> tuple[str, ...]:
             f"fifths of the recording disagree {np.sqrt(rig.dispersion):.1f} times as much as noise explains, and "
             "all sigmas are widened by that: look for clocks out of step, a bent board, a lens that moved"
         )
-    sentences += _rejected(rig.fits)
-    return tuple(sentences)
+    return (*sentences, *_covered(rig), *_clocks(rig), *_rejected(rig.fits))
 
 
-def _of_camera(rig: Rig, camera: Camera, cover: float) -> list[str]:
+def _of_camera(rig: Rig, camera: Camera) -> list[str]:
     sentences = []
     sigma = rig.focal_sigma(camera.name) / camera.intrinsics.focal
     if not camera.observable_focal:
@@ -56,17 +55,33 @@ def _of_camera(rig: Rig, camera: Camera, cover: float) -> list[str]:
         sentences.append(
             f"{camera.name}: rests on {camera.views} View{'s' if camera.views != 1 else ''}; show it more"
         )
-    if abs(camera.clock_offset) > _NOTABLE_OFFSET:
-        when = "later" if camera.clock_offset > 0 else "earlier"
-        sentences.append(
-            f"{camera.name}: takes its pictures {1000 * abs(camera.clock_offset):.0f} ms {when} than its stamps say, "
-            "against the mean of the cameras; allowed for here, but other software will not know"
-        )
-    if len(camera.free_lens) > 3 and cover < _LITTLE_COVER:
-        sentences.append(
-            f"{camera.name}: corners covered {100 * cover:.0f} % of its picture; its lens is a guess in the rest"
-        )
     return sentences
+
+
+def _covered(rig: Rig) -> list[str]:
+    cover = coverage(rig)
+    little = [c for c in rig.cameras if len(c.free_lens) > 3 and cover[c.name] < _LITTLE_COVER]
+    if not little:
+        return []
+    shares = [f"{100 * cover[c.name]:.0f} % of {c.name}'s picture" for c in little]
+    return [f"corners covered {_listed(shares)}; a lens is a guess in the rest"]
+
+
+def _clocks(rig: Rig) -> list[str]:
+    off = [c for c in rig.cameras if abs(c.clock_offset) > _NOTABLE_OFFSET]
+    if not off:
+        return []
+    when = [
+        f"{c.name} {1000 * abs(c.clock_offset):.0f} ms {'later' if c.clock_offset > 0 else 'earlier'}" for c in off
+    ]
+    return [
+        f"pictures were taken not when their stamps say, but, against the mean of the cameras: {_listed(when)}; "
+        "allowed for here, but other software will not know"
+    ]
+
+
+def _listed(parts: list[str]) -> str:
+    return " and ".join([", ".join(parts[:-1]), parts[-1]] if len(parts) > 1 else parts)
 
 
 def coverage(rig: Rig) -> dict[str, float]:
