@@ -63,8 +63,8 @@ def _covered(rig: Rig) -> list[str]:
     little = [c for c in rig.cameras if len(c.free_lens) > 3 and cover[c.name] < _LITTLE_COVER]
     if not little:
         return []
-    shares = [f"{100 * cover[c.name]:.0f} % of {c.name}'s picture" for c in little]
-    return [f"corners covered {_listed(shares)}; a lens is a guess in the rest"]
+    shares = [f"{100 * cover[c.name]:.0f} % of {c.name}" for c in little]
+    return [f"corners covered little of the pictures, {_listed(shares)}; a lens is a guess in the rest"]
 
 
 def _clocks(rig: Rig) -> list[str]:
