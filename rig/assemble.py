@@ -65,16 +65,14 @@ def camera_covariance(joint: Joint) -> Array:
     cameras, size = joint.reduced.free.shape
     columns = joint.adjustment.columns
     place = np.concatenate([columns, np.arange(LENS, CAMERA_PARAMETERS)])
-    spread = np.zeros((cameras, CAMERA_PARAMETERS, cameras, size))
     jacobian = step_by_camera_twist(joint.adjustment.state.camera_from_rig.inverse())
     block = np.zeros((cameras, CAMERA_PARAMETERS, size))
     block[:, place[: len(columns)], np.arange(len(columns))] = 1.0
     block[:, LENS:, len(columns) : len(columns) + 6] = jacobian
-    joint_blocks = joint.covariance.reshape(cameras, size, cameras, size)
-    spread = np.einsum("iab,ibjc->iajc", block, joint_blocks, optimize=True)
-    result = np.einsum("iajc,jdc->iajd", spread, block, optimize=True)
     total = cameras * CAMERA_PARAMETERS
-    return result.reshape(total, total)
+    spread = (block @ joint.covariance.reshape(cameras, size, -1)).reshape(total, cameras, size)
+    result = spread.transpose(1, 0, 2) @ block.transpose(0, 2, 1)
+    return result.transpose(1, 0, 2).reshape(total, total)
 
 
 def node_covariances(joint: Joint) -> Array:

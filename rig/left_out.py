@@ -137,7 +137,7 @@ def _dispersion(joint: Joint, own: Reduced, count: int) -> tuple[float, float]:
     """
     cameras = joint.observations.cameras
     gradient = np.where(own.free, own.gradient, 0.0).reshape(count, -1)
-    seen = np.einsum("ki,ij,kj->", gradient, joint.covariance, gradient, optimize=True)
+    seen = (gradient @ joint.covariance * gradient).sum()
     expected = 0.0
     for number in range(count):
         chosen = own.left // cameras == number
