@@ -305,17 +305,10 @@ def left_over(
     unknowns = 6 * int((_seen(used) & freedom.node).sum()) + 6 * int(freedom.pose.sum())
     cameras = len(adjustment.state.lens)
     variance = np.diagonal(covariance).reshape(cameras, -1)[:, : len(adjustment.columns)]
-    prior = (freedom.prior_information * freedom.lens)[:, adjustment.columns]
-    unknowns += float(freedom.lens.sum())
+    held = (freedom.prior_information * freedom.lens)[:, adjustment.columns] * variance
+    unknowns += float(freedom.lens.sum() - held.sum())
     if adjustment.softened is not None and freedom.slack is not None:
         loose = freedom.slack.loose
         held = freedom.slack.information[loose] * np.einsum("vii->vi", adjustment.softened.inverse)[loose]
         unknowns += float((1 - held).sum())
-    degrees = 2 * used.count - unknowns
-    # What a prior holds depends on the noise: once with that of the fit, then with what that says of it.
-    told = np.divide(1 - prior * variance, variance, out=np.zeros_like(variance), where=variance > 0)
-    share = 1.0
-    for _ in range(2):
-        held = np.divide(prior, prior + told / share, out=np.zeros_like(prior), where=prior > 0)
-        share = (noise_of(chi_square, degrees + float(held.sum())) / noise) ** 2
-    return chi_square, degrees + float(held.sum())
+    return chi_square, 2 * used.count - unknowns
