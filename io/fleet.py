@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from time import monotonic
 
@@ -91,9 +91,11 @@ def run_fleet(
         if not again and _is_done(job):
             yield Outcome(job, "kept", kept=True)
         else:
-            todo.append(_Task(calibrate, job))
-    for _, outcome in run_tasks(_run, todo, workers, executor):
-        yield outcome
+            todo.append(job)
+    # A worker on a cluster stands in a folder of its own.
+    tasks = [_Task(calibrate, Job(tuple(map(Path.absolute, job.recording)), job.output.absolute())) for job in todo]
+    for index, outcome in run_tasks(_run, tasks, workers, executor):
+        yield replace(outcome, job=todo[index])
 
 
 @contextmanager

@@ -2,14 +2,24 @@
 
 import importlib
 import os
+import shutil
 import signal
+import subprocess
+import sys
 import time
 from pathlib import Path
 
+import cv2
+import numpy as np
 import pytest
 
 from quadrig.io.fleet import Job, dask_executor, find_jobs, run_fleet
+from quadrig.io.rig_file import read_rig
 from quadrig.single.errors import QuadrigError
+from quadrig.single.lens import Intrinsics
+from quadrig.single.pose import Pose
+from quadrig.single.rectangle import Rectangle, TagMarking
+from quadrig.single.render import Sheet, ray_grid, render
 
 CALIBRATE = """
 import os, time
@@ -28,6 +38,32 @@ def calibrate(job):
     job.output.write_text(text)
     return f"rig of {text}"
 """
+
+
+RIG = Path(sys.executable).with_name("rig")
+DESK = Rectangle("desk", 0.20, 0.20, TagMarking("apriltag_36h11", 1))
+ROOM = """
+[[rectangle]]
+name = "desk"
+width = 0.2
+height = 0.2
+moving = true
+marking = { kind = "tag", dictionary = "apriltag_36h11", id = 1 }
+"""
+
+
+def record_desk(folder: Path, recording: Path) -> None:
+    """Two cameras that see one tag in six attitudes."""
+    lens, rng = Intrinsics.centred(320, 240, 300.0), np.random.default_rng(5)
+    right_from_left = Pose.from_vectors(np.array([0.0, 0.3, 0.0]), np.array([-0.3, 0.0, 0.05]))
+    for frameset in range(6):
+        pose = Pose.from_vectors(rng.uniform(-0.7, 0.7, 3), np.array([*rng.uniform(-0.1, 0.1, 2), 0.9]))
+        for name, camera_from_world in (("left", Pose.identity()), ("right", right_from_left)):
+            image = render(ray_grid(lens), camera_from_world, [Sheet(DESK, pose)], blur=0.6, noise=1.5, rng=rng)
+            (folder / name).mkdir(exist_ok=True)
+            cv2.imwrite(str(folder / name / f"{frameset:03}.png"), image)
+    arguments = [f"--camera={side}={folder / side}" for side in ("left", "right")]
+    subprocess.run([RIG, "record", *arguments, "-o", recording], check=True, capture_output=True)
 
 
 @pytest.fixture
@@ -66,22 +102,30 @@ def test_one_rig_each_and_what_is_done_stays(takes, calibrate):
     assert (takes / "rigs" / "take3.rig.mcap").read_text() == "mended"
 
 
-def test_a_cluster_of_workers_and_one_is_killed(takes, calibrate):
+def test_a_worker_of_a_cluster_is_killed_and_nothing_is_lost(tmp_path):
+    """As in the README: a scheduler and real worker processes, and the command."""
     distributed = pytest.importorskip("distributed")
-    jobs = find_jobs([takes], takes / "rigs")
-    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
-        outcomes, killed = [], 0
-        with dask_executor(cluster.scheduler_address) as executor:
-            for outcome in run_fleet(calibrate, jobs, executor=executor):
-                outcomes.append(outcome)
-                if len(outcomes) == 3:
-                    killed = int((takes / "rigs" / "log").read_text().split()[-1])
-                    os.kill(killed, signal.SIGKILL)
-    assert sorted(outcome.message for outcome in outcomes) == sorted(f"rig of {k}" for k in range(12))
-    workers = {int(line.split()[1]) for line in (takes / "rigs" / "log").read_text().splitlines()}
-    assert killed in workers
-    assert len(workers) >= 2
-    assert os.getpid() not in workers
+    (tmp_path / "rig.toml").write_text(ROOM)
+    (tmp_path / "takes").mkdir()
+    record_desk(tmp_path, tmp_path / "takes" / "take0.mcap")
+    for k in range(1, 4):
+        shutil.copy(tmp_path / "takes" / "take0.mcap", tmp_path / "takes" / f"take{k}.mcap")
+    with (
+        distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster,
+        distributed.Client(cluster) as client,
+    ):
+        command = [RIG, "calibrate", "takes/", "--each", "--dask", cluster.scheduler_address, "-o", "rigs/"]
+        running = subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        address, nanny = next((one.worker_address, one) for one in cluster.workers.values())
+        until = time.monotonic() + 60
+        while not client.processing().get(address) and time.monotonic() < until:
+            time.sleep(0.02)
+        os.kill(nanny.pid, signal.SIGKILL)
+        said, complaint = running.communicate(timeout=120)
+    assert running.returncode == 0, complaint
+    assert sorted(line.split(":")[0] for line in said.splitlines()) == [f"rigs/take{k}.rig.mcap" for k in range(4)]
+    # The same images make the same rig, whichever worker made it.
+    assert len({tuple(read_rig(tmp_path / "rigs" / f"take{k}.rig.mcap").covariance.ravel()) for k in range(4)}) == 1
 
 
 def test_no_scheduler_is_one_sentence(monkeypatch):
