@@ -21,7 +21,7 @@ from .mcap_reader import McapBytes, index_mcap
 from .recording import RecordedCamera, Recording
 
 DETECTIONS_TOPIC = "/quadrig/detections"
-FORMAT = 2
+FORMAT = 3
 """Raised when detection or this record changes, so that old files are not taken for new ones."""
 
 # A few images' worth: what is lost when the process is killed.

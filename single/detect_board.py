@@ -27,6 +27,11 @@ _ENOUGH_OF_A_ROW = 0.6
 _SMALLEST_SQUARE = 5.0
 # px that the model is wrong by on real lenses, added to what noise explains.
 _MODEL_SIGMA = 0.02
+# Squares from a tag's corner to the corners of its own square, and from a corner to the next: what lies farther is
+# found from those, and from those in turn, for a prediction from few tags goes astray beyond.
+_BESIDE, _NEXT, _ROUNDS = 0.7, 1.5, 3
+# px from the plane of most corners beyond which a corner is looked for anew.
+_PLANE = 2.0
 # Largest window (px): farther out the lens bends the squares' edges.
 _WIDEST = 7.0
 
@@ -186,20 +191,36 @@ def detect_charuco(grey: Array, rectangle: Rectangle, found: dict[int, list[Arra
     if not len(tags):
         return None
     points = board_points(marking.columns, marking.rows, marking.square)[:, :2]
-    places, axes, trusted = _predict(points, tags.reshape(-1, 2), pixels.reshape(-1, 2), marking, grey.shape)
+    places, axes, trusted = _predict(points, tags.reshape(-1, 2), pixels.reshape(-1, 2), marking, grey.shape, _BESIDE)
     pixels_found, sigma, good = _fit_charuco(grey, marking, places, axes, trusted)
-    if np.count_nonzero(good) >= 4:
-        more, axes, near = _predict(points, points[good], pixels_found[good], marking, grey.shape)
+    for _ in range(_ROUNDS):
+        good[good] = _on_one_plane(points[good], pixels_found[good])
+        if np.count_nonzero(good) < 4:
+            break
+        places, axes, near = _predict(points, points[good], pixels_found[good], marking, grey.shape, _NEXT)
         near &= ~good
-        if near.any():
-            again, sigma_again, good_again = _fit_charuco(grey, marking, more, axes, near)
-            pixels_found[good_again], sigma[good_again] = again[good_again], sigma_again[good_again]
-            good |= good_again
+        if not near.any():
+            break
+        again, sigma_again, good_again = _fit_charuco(grey, marking, places, axes, near)
+        pixels_found[good_again], sigma[good_again] = again[good_again], sigma_again[good_again]
+        good |= good_again
     good &= _smooth(points, pixels_found, good, marking.square)
     if not _spans_plane(points[good] / marking.square):
         return None
     flat = np.concatenate([points, np.zeros((len(points), 1))], axis=1)
     return View(rectangle.name, flat[good], pixels_found[good], sigma=_view_sigma(sigma[good]))
+
+
+def _on_one_plane(points: Array, pixels: Array) -> Array:
+    """Which corners lie on one board with most; where a lens bends it, the others are found again from these."""
+    if len(points) < 6:
+        return np.ones(len(points), bool)
+    cv2.setRNGSeed(1)
+    homography, _ = cv2.findHomography(points * 1e3, pixels, cv2.RANSAC, _PLANE)
+    if homography is None:
+        return np.ones(len(points), bool)
+    placed = cv2.perspectiveTransform(points[:, None] * 1e3, homography)[:, 0]
+    return np.linalg.norm(placed - pixels, axis=1) < _PLANE
 
 
 def _spans_plane(points: Array) -> bool:
@@ -249,11 +270,12 @@ def _agreeing(tags: Array, pixels: Array) -> tuple[Array, Array]:
 
 
 def _predict(
-    points: Array, known: Array, pixels: Array, marking: CharucoMarking, shape
+    points: Array, known: Array, pixels: Array, marking: CharucoMarking, shape, reach: float
 ) -> tuple[Array, Array, Array]:
     """Where board points (P, 2) should appear, by the homography of the known points nearest to each.
 
-    Returns places (P, 2) px, axes (P, 2, 2) px of one square's sides, and which places are near known points.
+    Returns places (P, 2) px, axes (P, 2, 2) px of one square's sides, and which places are within reach (in squares)
+    of known points.
     """
     square = marking.square
     distance = np.abs(known[None] - points[:, None]).max(axis=2)
@@ -272,7 +294,7 @@ def _predict(
     known_well = np.isfinite(seen).all(axis=(1, 2))
     places = np.where(known_well[:, None], places, -1e3)
     axes = np.where(known_well[:, None, None], axes, np.eye(2))
-    trusted = distance.min(axis=1) < 1.5 * square
+    trusted = distance.min(axis=1) < reach * square
     inside = (places > 2).all(axis=1) & (places < np.array(shape[::-1]) - 3).all(axis=1)
     return places, axes, known_well & trusted & inside & (np.linalg.det(axes) > 4)
 
