@@ -21,6 +21,8 @@ _NOTABLE_OFFSET = 0.003
 # The share of a picture (in a grid of 4 x 4) below which the lens is a guess outside of what was covered.
 _LITTLE_COVER = 0.4
 _GRID = 4
+# So many groups of Views that were thrown out are named.
+_NAMED = 3
 
 
 def weaknesses(rig: Rig) -> tuple[str, ...]:
@@ -99,9 +101,17 @@ def coverage(rig: Rig) -> dict[str, float]:
 
 
 def _rejected(fits: Sequence[ViewFit]) -> list[str]:
-    out = [fit for fit in fits if fit.rejected]
+    out: dict[tuple[str, str], list[int]] = {}
+    for fit in fits:
+        if fit.rejected:
+            out.setdefault((fit.view.camera, fit.view.rectangle), []).append(fit.view.frameset)
     if not out:
         return []
-    named = ", ".join(f"{f.view.camera} of {f.view.rectangle!r} in frameset {f.view.frameset}" for f in out[:3])
-    more = f" and {len(out) - 3} more" if len(out) > 3 else ""
-    return [f"{len(out)} of {len(fits)} Views were thrown out: {named}{more}"]
+    most = sorted(out.items(), key=lambda item: -len(item[1]))
+    named = [
+        f"{camera} of {rectangle!r} in {f'frameset {seen[0]}' if len(seen) == 1 else f'{len(seen)} framesets'}"
+        for (camera, rectangle), seen in most[:_NAMED]
+    ]
+    rest = sum(len(seen) for _, seen in most[_NAMED:])
+    total = sum(len(seen) for seen in out.values())
+    return [f"{total} of {len(fits)} Views were thrown out: {_listed([*named, *([f'{rest} more'] if rest else [])])}"]
