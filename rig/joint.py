@@ -279,8 +279,12 @@ def _robust(
         found = adjust(trusted, state, freedom, noise, robust=True, most_steps=12, tables=tables, tolerance=ROUGH)
         seen = max(robust_noise(trusted, found.linearised.squares, unknowns), LEAST_NOISE)
         if abs(np.log(seen / noise)) < _SAME_NOISE:
-            return found, seen
+            break
         state, noise = found.state, seen
+    if not first.agrees.all():
+        # Views where a lens was not known yet disagree as wrong ones do, but bring it round once the rig stands.
+        found = adjust(observations, found.state, freedom, seen, True, 12, tables, ROUGH)
+    return found, seen
 
 
 def _noise(adjustment: Adjustment, used: Observations, freedom: Freedom, noise: float) -> float:

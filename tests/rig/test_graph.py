@@ -7,6 +7,7 @@ import pytest
 
 from quadrig.rig.calibrate import calibrate
 from quadrig.rig.graph import components, first_rig
+from quadrig.rig.joint import solve_jointly
 from quadrig.rig.problem import build_problem
 from quadrig.rig.start import start
 from quadrig.single.rotation import rotation_from_vector
@@ -94,3 +95,14 @@ def test_a_large_ring_closes(simulated):
     covariance = rig.pose_covariance("cam16")
     assert np.sqrt(step @ np.linalg.solve(covariance, step) / 6) < 2.2
     assert rig.noise == pytest.approx(made.noise, rel=0.05)
+
+
+def test_views_that_the_first_lenses_belied_are_taken_back(simulated):
+    """Right Views that the vote left out, here all of one tag and all at one camera's left, are in the end used."""
+    made = simulated.simulate(47, simulated.Scene(cameras=3, framesets=20))
+    problem, first = first_of(made)
+    belied = [v.rectangle == "tag0" or (v.camera == "cam1" and v.pixels[:, 0].max() < 500) for v in problem.views]
+    assert np.any(belied)
+    standing = np.arange(len(problem.cameras)) == 0
+    joint = solve_jointly(problem, start(problem), replace(first, agrees=first.agrees & ~np.array(belied)), standing)
+    assert not joint.judged.rejected.any()
