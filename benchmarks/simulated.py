@@ -88,14 +88,21 @@ def simulate(seed: int | np.random.Generator, scene: Scene | None = None) -> Sim
             return made
 
 
-def views_again(made: Simulated, scene: Scene, seed: int, world_from_camera: Pose | None = None) -> list[View]:
-    """Views of a new recording of the same room: the sheet held elsewhere, the cameras where told or as they were."""
+def views_again(
+    made: Simulated,
+    scene: Scene,
+    seed: int,
+    world_from_camera: Pose | None = None,
+    path: Pose | None = None,
+) -> list[View]:
+    """Views of a new recording of the same room: the sheet held elsewhere, or along a path (F,); the cameras where
+    told or as they were."""
     rng = np.random.default_rng(seed)
     sheet, points = _sheet(scene)
     poses = made.world_from_camera if world_from_camera is None else world_from_camera
     views = []
     for frameset in range(scene.framesets):
-        place = _sheet_pose(rng, made.world_from_camera, frameset)
+        place = _sheet_pose(rng, made.world_from_camera, frameset) if path is None else path[frameset]
         views += _see(rng, scene, made.lenses, poses, sheet, points, place, frameset)
     return views
 
