@@ -61,7 +61,7 @@ class Freedom:
         """(C, M) bool: which unknowns of the reduced system are estimated at a state."""
         parts = [self.lens[:, columns], np.repeat(self.pose[:, None], 6, axis=1)]
         if state.motion is not None and state.offsets is not None:
-            parts.append(state.motion.tells[:, None])
+            parts.append(state.motion.free[:, None])
         return np.concatenate(parts, axis=1)
 
 

@@ -86,7 +86,7 @@ def _solve(whole: Problem, kept: list[int], cameras: Sequence[CameraInput], refe
 def _jointly(problem: Problem, name: str) -> tuple[Problem, Joint, FirstRig]:
     """The joint adjustment in the frame of that name; where clocks disagree, of framesets grouped anew by the clocks
     that each round finds."""
-    anchor, node = _anchor(problem, name)
+    given, (anchor, node) = problem, _anchor(problem, name)
     rounds: list[tuple[Problem, Joint, FirstRig]] = []
     stepped: InStep | None = None
     for _ in range(_ROUNDS_OF_CLOCKS):
@@ -102,7 +102,7 @@ def _jointly(problem: Problem, name: str) -> tuple[Problem, Joint, FirstRig]:
         except Contradicted:
             if stepped is not None and rounds:
                 break
-            again = in_step(problem, path_offsets(problem, _places(begin)), begin.noise)
+            again = in_step(given, path_offsets(problem, _places(begin)), begin.noise)
             if stepped is not None or again is None:
                 raise
         else:
@@ -113,7 +113,7 @@ def _jointly(problem: Problem, name: str) -> tuple[Problem, Joint, FirstRig]:
             if offsets is not None and found is not None and np.ptp(found - offsets) < _SAME_CLOCK:
                 break
             found = path_offsets(problem, _places(begin)) if found is None else found
-            again = in_step(problem, found, begin.noise) or stepped
+            again = in_step(given, found, begin.noise) or stepped
             if again is None:
                 break
         stepped = again if found is None else replace(again, offsets=found)

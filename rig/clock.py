@@ -12,7 +12,7 @@ import numpy as np
 from quadrig.single.pose import Pose
 from quadrig.single.rotation import Array
 
-from .problem import Problem
+from .problem import Problem, components
 
 # Framesets further apart than this (s) say little of the motion between them: a hand turns around in half a second.
 LONGEST_GAP = 0.25
@@ -26,13 +26,15 @@ class Motion:
     tau * rate + tau^2 * bend, (V, 6) in the rig frame, from its node's pose.
 
     lag (V,) s: by how much later than its frameset the View was stamped; rate and bend are zero where not known.
-    tells (C,) bool: cameras whose offset the motion can tell.
+    tells (C,) bool: cameras whose offset the motion can tell. free (C,) bool: those whose offset is estimated:
+    of cameras that share moving rectangles one holds the clock, since only differences of offsets can be told.
     """
 
     rate: Array
     bend: Array
     lag: Array
     tells: Array
+    free: Array
 
     def step(self, offset: Array) -> Array:
         """Steps (V, 6) from the nodes' poses for the clock offsets (V,) s of the Views' cameras."""
@@ -70,12 +72,16 @@ def motion(problem: Problem, rig_from_node: Pose, offsets: Array) -> Motion | No
     bend[node] = (step_other / to_other - step_one / to_one) / (to_other - to_one)
     rate[node] = step_other / to_other - bend[node] * to_other
     known = np.isin(problem.node, node) & stamped
-    seen = np.bincount(problem.camera[known], minlength=len(problem.cameras))
+    tells = np.bincount(problem.camera[known], minlength=len(problem.cameras)) >= _FEWEST_VIEWS
+    free = tells.copy()
+    for group in components(problem, np.flatnonzero(known & tells[problem.camera])):
+        free[group[0]] = False
     return Motion(
         np.where(known[:, None], rate[problem.node], 0.0),
         np.where(known[:, None], bend[problem.node], 0.0),
         np.where(known, stamp - node_time[problem.node], 0.0),
-        seen >= _FEWEST_VIEWS,
+        tells,
+        free,
     )
 
 

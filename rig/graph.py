@@ -13,7 +13,7 @@ from quadrig.single.pose import Pose
 from quadrig.single.rotation import Array, nearest_rotation
 
 from .averaging import average
-from .problem import Problem
+from .problem import Problem, components
 from .start import Candidates
 
 # What a first lens leaves wrong in a pose, beside its noise: radians, and a share of the distance. Lenses are good
@@ -54,28 +54,9 @@ class FirstRig:
     relatives: tuple[Relative, ...]
 
 
-def components(problem: Problem) -> list[list[int]]:
-    """Cameras (indices) that rectangles join, directly or through others; largest group first."""
-    return _groups(problem, np.arange(len(problem.views)))
-
-
 def joined_cameras(problem: Problem, views: Array) -> list[int]:
     """The largest group of cameras that these Views (indices) alone join."""
-    return _groups(problem, views)[0]
-
-
-def _groups(problem: Problem, views: Array) -> list[list[int]]:
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
-    cameras, size = len(problem.cameras), len(problem.cameras) + len(problem.nodes)
-    met = (problem.camera[views], cameras + problem.node[views])
-    graph = coo_array((np.ones(len(views)), met), shape=(size, size))
-    _, label = connected_components(graph, directed=False)
-    groups: dict[int, list[int]] = {}
-    for camera in range(cameras):
-        groups.setdefault(int(label[camera]), []).append(camera)
-    return sorted(groups.values(), key=lambda group: (-len(group), group))
+    return components(problem, views)[0]
 
 
 def first_rig(problem: Problem, candidates: Candidates, reference: int) -> FirstRig:

@@ -24,6 +24,8 @@ _STEPS = (0.02, 0.004)
 _FEWEST = 20
 # Share of the instants, those that agree least, that are left out: poses of single Views have wild ones among them.
 _WILD = 0.1
+# Common shifts of all clocks that are tried, within the time from one frameset to the next.
+_PHASES = 16
 # Fall of chi-square that shows an offset to be more than chance.
 _EVIDENCE = 30.0
 
@@ -44,7 +46,7 @@ def in_step(problem: Problem, offsets: Array, noise: float) -> InStep | None:
     if not tracks:
         return None
     true = times + offsets[problem.camera]
-    late = true - _instants(problem, times)
+    late = true - _instants(problem, true)
     if not np.nanmedian(np.abs(late) * _speeds(problem, tracks, times)) > noise:
         return None
     return InStep(_regrouped(problem, np.concatenate(list(tracks.values())), true, times), offsets)
@@ -74,8 +76,13 @@ def _regrouped(problem: Problem, moving: Array, true: Array, times: Array) -> tu
     instants = _instants(problem, times)[first]
     order = np.argsort(instants)
     instants, framesets = instants[order], framesets[order]
-    place = np.searchsorted((instants[1:] + instants[:-1]) / 2, true[moving])
-    gap = np.abs(true[moving] - instants[place])
+    # Only differences of clocks count: the common part is free to bring Views as near to the instants as can be.
+    shifts = np.median(np.diff(instants)) * np.arange(_PHASES) / _PHASES
+    tried = true[moving] + shifts[:, None]
+    places = np.searchsorted((instants[1:] + instants[:-1]) / 2, tried)
+    gaps = np.abs(tried - instants[places])
+    best = int(np.argmin((gaps**2).sum(axis=1)))
+    place, gap = places[best], gaps[best]
     views: dict[object, View] = dict(enumerate(problem.views))
     for v in moving:
         del views[v]

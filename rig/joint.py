@@ -224,7 +224,7 @@ def _without_slack(used: Observations, state: State, freedom: Freedom, noise: fl
 def _with_still_clocks(used: Observations, state: State, freedom: Freedom, noise: float) -> State:
     if state.motion is None:
         return adjust(used, state, freedom, noise).state
-    still = replace(state.motion, tells=np.zeros(used.cameras, bool))
+    still = replace(state.motion, free=np.zeros(used.cameras, bool))
     return replace(adjust(used, replace(state, motion=still), freedom, noise).state, motion=state.motion)
 
 
