@@ -1,6 +1,7 @@
 """Recordings: what reading, decoding, searching and choosing frames cost, and what the choice costs in accuracy.
 
-python benchmarks/recordings.py render room.mcap     the demo's room: 4 cameras, 1280x720, 300 framesets, blurred
+python benchmarks/recordings.py render room.mcap     the demo's room: 4 cameras, 1280x720, 300 framesets, blurred;
+                                                     and room.toml for `rig calibrate`
 python benchmarks/recordings.py search room.mcap     stages of the pipeline, with and without choice of frames
 python benchmarks/recordings.py large room.mcap      memory and speed on 4 GiB, made by repeating
 """
@@ -17,6 +18,8 @@ import numpy as np
 from detect import Found, PlainLoop, corners
 
 from quadrig.io.beside import written_beside
+from quadrig.io.config import write_config
+from quadrig.io.demo import demo_config
 from quadrig.io.demo_scene import Scene, SceneCamera, demo_scene
 from quadrig.io.progress import progress_bar
 from quadrig.io.record import image_writer
@@ -90,7 +93,8 @@ def _room():
 
 
 def render_recording(output: Path) -> None:
-    """Write the room's recording."""
+    """Write the room's recording, and its rig.toml beside it."""
+    write_config(demo_config(demo_scene(FRAMESETS)), output.with_suffix(".toml"))
     blocks = np.array_split(np.arange(FRAMESETS), 6)
     tasks = [Shots(camera, tuple(block.tolist())) for block in blocks for camera in range(4)]
     found: dict[tuple[int, int], bytes] = {}
