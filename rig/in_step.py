@@ -24,7 +24,7 @@ _STEPS = (0.02, 0.004)
 _FEWEST = 20
 # Share of the instants, those that agree least, that are left out: poses of single Views have wild ones among them.
 _WILD = 0.1
-# Common shifts of all clocks that are tried, within the time from one frameset to the next.
+# Common shifts of all clocks that are tried, as far apart as two framesets are.
 _PHASES = 16
 # Fall of chi-square that shows an offset to be more than chance.
 _EVIDENCE = 30.0
@@ -73,12 +73,14 @@ def _regrouped(problem: Problem, moving: Array, true: Array, times: Array) -> tu
     """All Views, those moving (indices) in the frameset that is nearest to when they were taken; of two Views of one
     camera and rectangle in one frameset the nearer."""
     framesets, first = np.unique([view.frameset for view in problem.views], return_index=True)
-    instants = _instants(problem, times)[first]
+    stamped = _instants(problem, times)
+    instants = stamped[first]
     order = np.argsort(instants)
     instants, framesets = instants[order], framesets[order]
     # Only differences of clocks count: the common part is free to bring Views as near to the instants as can be.
-    shifts = np.median(np.diff(instants)) * np.arange(_PHASES) / _PHASES
-    tried = true[moving] + shifts[:, None]
+    common = np.median((true - stamped)[moving])
+    phases = np.median(np.diff(instants)) * (np.arange(_PHASES) / _PHASES - 0.5)
+    tried = true[moving] - common + phases[:, None]
     places = np.searchsorted((instants[1:] + instants[:-1]) / 2, tried)
     gaps = np.abs(tried - instants[places])
     best = int(np.argmin((gaps**2).sum(axis=1)))

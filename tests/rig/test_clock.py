@@ -7,6 +7,7 @@ import pytest
 
 from quadrig.rig.calibrate import calibrate
 from quadrig.rig.clock import motion
+from quadrig.rig.in_step import in_step
 from quadrig.rig.inputs import CameraInput
 from quadrig.rig.problem import build_problem
 from quadrig.single.lens import Intrinsics
@@ -143,3 +144,17 @@ def test_motion_is_not_guessed_over_gaps():
     problem = build_problem(INPUTS, [BOARD], sparse)
     count = len(problem.nodes)
     assert motion(problem, Pose(np.tile(np.eye(3), (count, 1, 1)), np.zeros((count, 3))), np.zeros(3)) is None
+
+
+def test_only_differences_of_clocks_count():
+    """What all clocks have in common moves no View, loses none, and is held by one of the cameras."""
+    problem = build_problem(INPUTS, [BOARD], taken(OFFSETS)[1])
+    grouped = [in_step(problem, OFFSETS + common, NOISE) for common in (0.0, 0.3)]
+    framesets = [{(v.camera, v.time): v.frameset for v in each.views} for each in grouped if each is not None]
+    assert framesets[0] == framesets[1]
+    assert len(framesets[0]) > 0.98 * len(problem.views)
+    count = len(problem.nodes)
+    moved = motion(problem, Pose(np.tile(np.eye(3), (count, 1, 1)), np.zeros((count, 3))), np.zeros(3))
+    assert moved is not None
+    assert np.count_nonzero(moved.tells) == 3
+    assert np.count_nonzero(moved.free) == 2
