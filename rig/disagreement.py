@@ -9,8 +9,10 @@ from quadrig.single.lens import project_with_derivatives
 from quadrig.single.pose import Pose
 from quadrig.single.rotation import Array, cross_matrix
 
-from .outliers import LEAST_HELD_TO
 from .result import Rig, ViewFit
+
+# What blur, print and the grid of pixels do to a corner does not average out: no View is held to less than this, px.
+_LEAST_NOISE = 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +73,7 @@ def _disagreement(rig: Rig, fit: ViewFit) -> Disagreement:
 
 
 def _noise(rig: Rig) -> float:
-    return max(rig.noise, LEAST_HELD_TO) if np.isfinite(rig.noise) else 1.0
+    return max(rig.noise, _LEAST_NOISE) if np.isfinite(rig.noise) else 1.0
 
 
 def _own_step(rig: Rig, fit: ViewFit) -> tuple[Array, Array]:

@@ -11,8 +11,6 @@ from .observations import Observations
 # A Gaussian corner strays past 5 sigma (in two dimensions) once in 270,000: losing it costs nothing, and what
 # strays further is a fault.
 _FAR = 25.0
-# What blur, print and the grid of pixels do to a corner does not average out: no View is held to less than this, px.
-LEAST_HELD_TO = 0.05
 # A View of which this share of the corners is off is wrong as a whole (its id, its order, its instant).
 _WHOLE_VIEW = 0.5
 # Corner noise that a detector is known for, px.
@@ -35,7 +33,7 @@ def judge(observations: Observations, squares: tuple[Array, ...], noise: float) 
     weights = []
     for group, square in zip(observations.groups, squares, strict=True):
         carries = group.weights > 0
-        far = carries & ~(square * group.certainty < _FAR * max(noise, LEAST_HELD_TO) ** 2)
+        far = carries & ~(square * group.certainty < _FAR * noise**2)
         share = far.sum(axis=1) / np.maximum(carries.sum(axis=1), 1)
         # Three corners cannot place a rectangle twice over: a View needs four that agree, or half of a board's.
         whole = share >= _WHOLE_VIEW
