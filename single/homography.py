@@ -35,9 +35,11 @@ def _solve_each(matrices: Array, right: Array) -> Array:
     try:
         return np.linalg.solve(matrices, right[..., None])[..., 0]
     except np.linalg.LinAlgError:
+        unknown = ~np.isfinite(matrices).all(axis=(-1, -2))
+        safe = np.where(unknown[..., None, None], np.eye(8), matrices)
         # Normalised points give an 8x8 matrix whose determinant is far above this unless points coincide.
-        singular = np.abs(np.linalg.det(matrices)) < 1e-30
-        safe = np.where(singular[..., None, None], np.eye(8), matrices)
+        singular = unknown | (np.abs(np.linalg.det(safe)) < 1e-30)
+        safe = np.where(singular[..., None, None], np.eye(8), safe)
         return np.where(singular[..., None], np.nan, np.linalg.solve(safe, right[..., None])[..., 0])
 
 

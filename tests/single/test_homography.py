@@ -1,6 +1,7 @@
 """Homographies: exact for exact points, in batches, with points left out, and nan where there is none."""
 
 import numpy as np
+import pytest
 
 from quadrig.single.homography import homographies
 
@@ -61,3 +62,13 @@ def test_points_that_coincide_cost_only_their_own_answer():
     found = homographies(points, pixels)
     assert not np.isfinite(found[1]).all() or not np.allclose(found[1], truth[1])
     np.testing.assert_allclose(found[[0, 2]], truth[[0, 2]], rtol=1e-5, atol=1e-5)
+
+
+@pytest.mark.filterwarnings("error")
+def test_neither_lost_nor_lined_up_points_cost_the_others_their_answer():
+    square = np.array([[1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]])
+    lost = np.full((4, 2), np.nan)
+    lined_up = np.array([[0.0, 0.0], [1.0, 1.0], [2.0, 2.0], [3.0, 3.0]])
+    found = homographies(np.stack([square, square, lined_up]), np.stack([square, lost, square]))
+    np.testing.assert_allclose(found[0], np.eye(3), atol=1e-12)
+    assert np.isnan(found[1:]).all()
