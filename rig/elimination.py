@@ -18,6 +18,8 @@ _EMPTY_NODE = 1e-9
 # A banded factorisation costs n b^2 against n^3 / 3: below this share of the size the band wins in practice, since
 # dense blocks run on matrix products.
 _BAND_SHARE = 0.2
+# Beyond so many places for every pair of camera and rectangle pose that met, zeros cost more than they save.
+_MOST_EMPTY = 4
 # Below this many unknowns the dense factorisation takes no time worth saving.
 _SMALL_SYSTEM = 400
 
@@ -52,11 +54,11 @@ def eliminate(normal: Normal, layout: Layout, free: Array, free_nodes: Array, da
 
 def _met(through: Array, normal: Normal, layout: Layout, cameras: int) -> Array:
     """Blocks (B, M, M): what the rectangle poses tie every two cameras together with."""
-    nodes, size = len(normal.nodes), normal.pairs.shape[1]
-    if cameras * size >= _SMALL_SYSTEM:
+    nodes, (count, size, _) = len(normal.nodes), normal.pairs.shape
+    if cameras * nodes > _MOST_EMPTY * count:
         meeting = through[layout.meeting_left] @ np.swapaxes(normal.pairs[layout.meeting_right], -1, -2)
         return layout.meeting_by_block(meeting)
-    # For few cameras one large product, zeros and all, is quicker than many small ones.
+    # Where most cameras see most rectangles one large product, zeros and all, is quicker than many small ones.
     left, right = np.zeros((2, cameras, size, nodes, 6))
     left[layout.pair_camera, :, layout.pair_node] = through
     right[layout.pair_camera, :, layout.pair_node] = normal.pairs
