@@ -340,7 +340,8 @@ def _smooth(points: Array, pixels: Array, good: Array, square: float) -> Array:
     np.fill_diagonal(distance, np.inf)
     near = np.argsort(distance, axis=1, kind="stable")[:, : min(8, len(index) - 1)]
     local = local_homographies(place[near] - place[:, None], pixels[index][near])
-    side = np.sqrt(np.abs(np.linalg.det(local[:, :2, :2])))
+    with np.errstate(invalid="ignore"):
+        side = np.sqrt(np.abs(np.linalg.det(local[:, :2, :2])))
     error = np.linalg.norm(local[:, :2, 2] - pixels[index], axis=1)
     # Extrapolating by a square through a strongly distorted lens misses by some per cent of a square; where the
     # neighbours fix no homography (nan) there is no evidence against the corner.
