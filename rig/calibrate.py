@@ -20,12 +20,12 @@ from .assemble import (
     with_figures,
 )
 from .connectivity import missing_cameras, refuse
-from .graph import FirstRig, components, first_rig
+from .graph import FirstRig, first_rig
 from .in_step import InStep, in_step, path_offsets
 from .inputs import CameraInput
 from .joint import Contradicted, Joint, solve_jointly
 from .left_out import leave_out
-from .problem import Problem, build_problem
+from .problem import Problem, build_problem, components
 from .result import Rig
 from .start import Start, start
 from .weaknesses import weaknesses

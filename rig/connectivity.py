@@ -2,8 +2,7 @@
 
 from quadrig.single.errors import QuadrigError
 
-from .graph import components
-from .problem import Problem
+from .problem import Problem, components
 
 
 def missing_cameras(problem: Problem, kept: list[int]) -> dict[str, str]:

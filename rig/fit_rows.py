@@ -7,8 +7,9 @@ import numpy as np
 from quadrig.single.pose import Pose
 from quadrig.single.rotation import Array
 
+from .disagreement import placed_pose
 from .information import camera_derivatives, rectangle_derivatives
-from .result import CAMERA_PARAMETERS, Camera, PlacedRectangle, Rig, ViewFit
+from .result import CAMERA_PARAMETERS, Camera, Rig, ViewFit
 
 
 def instances(rig: Rig) -> list[list[ViewFit]]:
@@ -26,15 +27,7 @@ def pose_of(rig: Rig, fit: ViewFit) -> Pose | None:
     """Where the rectangle of a fit stood, rig_from_rect; None where the View had no part in the rig."""
     if not np.isfinite(fit.residuals).any() or not any(c.name == fit.view.camera for c in rig.cameras):
         return None
-    placed = next((p for p in rig.rectangles if p.name == fit.view.rectangle), None)
-    return None if placed is None else _pose_at(placed, fit.view.frameset)
-
-
-def _pose_at(placed: PlacedRectangle, frameset: int) -> Pose | None:
-    if not placed.framesets.size:
-        return placed.rig_from_rect
-    found = np.flatnonzero(placed.framesets == frameset)
-    return placed.rig_from_rect[int(found[0])] if len(found) else None
+    return placed_pose(rig, fit.view.rectangle, fit.view.frameset)
 
 
 def rows_of(rig: Rig, cameras: Sequence[Camera], group: Sequence[ViewFit]) -> tuple[Array, Array, Array, Array]:

@@ -13,7 +13,7 @@ from quadrig.single.pose import Pose
 from quadrig.single.rotation import Array, nearest_rotation
 
 from .averaging import average
-from .problem import Problem, components
+from .problem import Problem
 from .start import Candidates
 
 # What a first lens leaves wrong in a pose, beside its noise: radians, and a share of the distance. Lenses are good
@@ -52,11 +52,6 @@ class FirstRig:
     reading: Array
     agrees: Array
     relatives: tuple[Relative, ...]
-
-
-def joined_cameras(problem: Problem, views: Array) -> list[int]:
-    """The largest group of cameras that these Views (indices) alone join."""
-    return components(problem, views)[0]
 
 
 def first_rig(problem: Problem, candidates: Candidates, reference: int) -> FirstRig:

@@ -9,13 +9,13 @@ from quadrig.single.rotation import Array
 from .adjust import Adjustment, Freedom, adjust, undamped, with_noise
 from .clock import motion
 from .elimination import Reduced, node_inverses, reduced_inverse
-from .graph import FirstRig, joined_cameras
+from .graph import FirstRig
 from .lens_choice import LensChoices, choose_lenses, starting_lenses
 from .normal_equations import Layout, State, chain_derivatives, layout, residual_squares
 from .observations import Observations
 from .outliers import Judged, judge, noise_of, robust_noise
 from .principal_point import PRINCIPAL_SIGMA
-from .problem import Problem
+from .problem import Problem, components
 from .slack import SlackPrior, learned, slack_variances, strays
 from .start import ENOUGH_POINTS, LEAST_NOISE, ROUGH, Start, prior
 
@@ -157,7 +157,7 @@ def _refuse_contradicted(problem: Problem, observations: Observations, judged: J
     if not judged.rejected.any():
         return
     kept = np.flatnonzero(~judged.rejected)
-    loose = sorted(set(range(observations.cameras)) - set(joined_cameras(problem, kept)))
+    loose = sorted(set(range(observations.cameras)) - set(components(problem, kept)[0]))
     if loose:
         raise Contradicted([problem.cameras[i].name for i in loose])
 

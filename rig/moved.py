@@ -27,12 +27,12 @@ from quadrig.single.view import View
 from .adjust import adjust, undamped
 from .assemble import step_by_camera_twist
 from .elimination import dense_matrix
-from .graph import components, first_rig
+from .graph import first_rig
 from .inputs import CameraInput
 from .joint import Joint, left_over, solve_jointly
 from .left_out import leave_out
 from .outliers import USUAL_WEIGHT, noise_of
-from .problem import Problem, build_problem
+from .problem import Problem, build_problem, components
 from .result import CAMERA_PARAMETERS, Rig
 from .start import start
 from .verdict import length

@@ -14,7 +14,7 @@ _FAR = 25.0
 # A View of which this share of the corners is off is wrong as a whole (its id, its order, its instant).
 _WHOLE_VIEW = 0.5
 # Corner noise that a detector is known for, px.
-_USUAL_NOISE = 0.3
+USUAL_NOISE = 0.3
 USUAL_WEIGHT = 4.0
 """Weight of what is known of the noise beforehand, in degrees of freedom: it matters where the data has few."""
 
@@ -42,7 +42,7 @@ def judge(observations: Observations, squares: tuple[Array, ...], noise: float) 
     return Judged(tuple(weights), rejected)
 
 
-def noise_of(chi_square: float, freedom: float, usual: float = _USUAL_NOISE) -> float:
+def noise_of(chi_square: float, freedom: float, usual: float = USUAL_NOISE) -> float:
     """Sigma (px) of a coordinate, from a sum of weighted squares (px^2) of so many degrees of freedom.
 
     usual: px, what it was expected to be; counts as USUAL_WEIGHT degrees of freedom."""
@@ -61,7 +61,7 @@ def robust_noise(observations: Observations, squares: tuple[Array, ...], unknown
     ]
     every = np.concatenate(values) if values else np.zeros(0)
     if not len(every):
-        return _USUAL_NOISE
+        return USUAL_NOISE
     coordinates = 2 * observations.count
     # Where nearly all is taken up, the rest says little: it counts for a tenth at least.
     left = max(coordinates - unknowns, 0.1 * coordinates) / coordinates

@@ -16,11 +16,11 @@ from .adjust import adjust, undamped
 from .assemble import camera_covariance, step_by_camera_twist
 from .calibrate import assemble_rig
 from .elimination import dense_matrix
-from .graph import FirstRig, components, first_rig
+from .graph import FirstRig, first_rig
 from .inputs import CameraInput
 from .joint import Joint, solve_jointly
 from .normal_equations import LENS
-from .problem import Problem, build_problem
+from .problem import Problem, build_problem, components
 from .result import CAMERA_PARAMETERS, Rig
 from .start import start
 

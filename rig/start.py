@@ -20,7 +20,7 @@ from quadrig.single.rotation import Array, nearest_rotation
 from .adjust import Freedom, adjust
 from .normal_equations import State, linearise
 from .observations import Observations, pack
-from .outliers import robust_noise
+from .outliers import USUAL_NOISE, robust_noise
 from .problem import Problem
 
 # A first focal outside of these shares of the image's larger side is a 175 or a 3 degree lens: taken as a failure.
@@ -46,8 +46,6 @@ _TWIN_STEPS = 2
 _NO_LENS = np.zeros(0, int)
 # Added to the diagonal of a pose's normal matrix (1/rad^2, 1/m^2): far below what any View tells.
 _LEAST_INFORMATION = 1e-9
-# Noise (px) where no View has a pose that could show it.
-_USUAL_NOISE = 0.3
 
 
 @dataclass(frozen=True, eq=False)
@@ -209,7 +207,7 @@ def _refine(problem: Problem, observations: Observations, lens: Array, poses: Po
     freedom = Freedom(free, np.zeros(cameras, bool), np.ones(observations.nodes, bool), mean, information)
     lengths = (lens[observations.camera, 0] * errors)[np.isfinite(errors)]
     # A mean squared length is twice the variance of a coordinate.
-    noise = max(float(np.median(lengths)) / np.sqrt(2), LEAST_NOISE) if len(lengths) else _USUAL_NOISE
+    noise = max(float(np.median(lengths)) / np.sqrt(2), LEAST_NOISE) if len(lengths) else USUAL_NOISE
     found = adjust(observations, _by_themselves(lens, poses), freedom, noise, True, _MONO_STEPS, tolerance=ROUGH)
     unknowns = 6 * float(problem.shares.sum()) + float(free.sum())
     seen = max(robust_noise(observations, found.linearised.squares, unknowns), LEAST_NOISE)

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from quadrig.rig.calibrate import calibrate
-from quadrig.rig.graph import components, first_rig
+from quadrig.rig.graph import first_rig
 from quadrig.rig.joint import solve_jointly
-from quadrig.rig.problem import build_problem
+from quadrig.rig.problem import build_problem, components
 from quadrig.rig.start import start
 from quadrig.single.rotation import rotation_from_vector
 
