@@ -4,6 +4,7 @@ import math
 import sys
 from contextlib import nullcontext
 from dataclasses import replace
+from itertools import combinations
 from pathlib import Path
 from typing import Annotated
 
@@ -159,4 +160,19 @@ def result_values(rig: Rig) -> dict[str, object]:
         "views": {camera.name: camera.views for camera in rig.cameras},
         "weak": list(rig.weak),
         "missing": dict(rig.missing),
+        "relative": [_between(rig, one.name, two.name) for one, two in combinations(rig.cameras, 2)],
+    }
+
+
+def _between(rig: Rig, one: str, two: str) -> dict[str, object]:
+    """How far apart two cameras are, and how sure their relative pose is."""
+    variance = rig.relative_covariance(one, two).diagonal()
+    step = rig.camera(one).rig_from_camera.translation - rig.camera(two).rig_from_camera.translation
+    return {
+        "cameras": [one, two],
+        "distance_m": math.hypot(*step),
+        "sigma": {
+            "rotation_deg": math.degrees(math.sqrt(max(variance[:3].sum(), 0.0))),
+            "position_m": math.sqrt(max(variance[3:].sum(), 0.0)),
+        },
     }

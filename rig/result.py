@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from quadrig.single.lens import LENS_PARAMETERS, Intrinsics
-from quadrig.single.pose import Pose
+from quadrig.single.pose import Pose, compose_jacobians, inverse_jacobian
 from quadrig.single.rectangle import Rectangle
 from quadrig.single.rotation import Array
 from quadrig.single.view import View
@@ -119,6 +119,14 @@ class Rig:
         """(6, 6), of the step of rig_from_camera."""
         start = self.camera_index(name) * CAMERA_PARAMETERS + 9
         return self.covariance[start : start + 6, start : start + 6]
+
+    def relative_covariance(self, left: str, right: str) -> Array:
+        """(6, 6), of the step of left_from_right between two cameras; where the rig frame stands does not matter."""
+        rig_from_left, rig_from_right = self.camera(left).rig_from_camera, self.camera(right).rig_from_camera
+        by_inverse, by_right = compose_jacobians(rig_from_left.inverse(), rig_from_right)
+        jacobian = np.concatenate([by_inverse @ inverse_jacobian(rig_from_left), by_right], axis=1)
+        rows = np.concatenate([self.camera_index(n) * CAMERA_PARAMETERS + 9 + np.arange(6) for n in (left, right)])
+        return jacobian @ self.covariance[np.ix_(rows, rows)] @ jacobian.T
 
     def focal_sigma(self, name: str) -> float:
         """Standard deviation of the focal, px."""

@@ -116,6 +116,10 @@ def test_where_the_rig_frame_stands_changes_no_relative_figure(board_rig):
                 np.sqrt(np.diagonal(rig.pose_covariance(camera.name))),
             )
             assert (np.abs(step) < 2e-3 * sigma).all()
+            # How sure two cameras are of one another is the same in every frame.
+            told, here = (r.relative_covariance(world, camera.name) for r in (rig, other))
+            np.testing.assert_allclose(here, told, atol=1e-4 * np.abs(told).max())
+            np.testing.assert_allclose(told, rig.pose_covariance(camera.name), atol=1e-12)
             assert other.focal_sigma(camera.name) == pytest.approx(rig.focal_sigma(camera.name), rel=1e-5)
 
 
