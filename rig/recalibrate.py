@@ -52,7 +52,12 @@ def recalibrate(
     order = [camera.name for camera in rig.cameras if camera.name in {c.name for c in problem.cameras}]
     covariance = _passed_on(problem, joint, rig, standing)
     solved = assemble_rig(problem, joint, first, covariance, rig.reference, {}, order)
-    return _with_absent(rig, solved, moved)
+    # Inverting a pose there and back costs its last bits.
+    kept = tuple(
+        replace(camera, rig_from_camera=rig.camera(camera.name).rig_from_camera) if camera.name in stays else camera
+        for camera in solved.cameras
+    )
+    return _with_absent(rig, replace(solved, cameras=kept), moved)
 
 
 def _staying(rig: Rig, moved: Sequence[str], cameras: Sequence[CameraInput]) -> set[str]:
