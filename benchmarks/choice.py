@@ -14,9 +14,9 @@ import cv2
 import numpy as np
 from simulated import HEIGHT, WIDTH, Scene, Simulated, errors, simulate, views_again
 
-from quadrig.rig.calibrate import calibrate
+from quadrig.rig.calibration import calibrate
+from quadrig.rig.coach.select_frames import Looks, choose_framesets
 from quadrig.rig.result import Rig
-from quadrig.rig.select_frames import Looks, choose_framesets
 from quadrig.single.lens import project
 from quadrig.single.pose import Pose
 from quadrig.single.rotation import Array, rotation_from_vector, vector_from_rotation

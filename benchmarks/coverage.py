@@ -18,9 +18,9 @@ from rich.table import Table
 from scipy.stats import chi2
 from simulated import HEIGHT, WIDTH, Simulated, simulate, usual_scene
 
-from quadrig.rig.calibrate import calibrate
+from quadrig.rig.calibration import calibrate
+from quadrig.rig.doubt.working_accuracy import covered_points, rigid_part, triangulation_shape
 from quadrig.rig.result import Rig
-from quadrig.rig.working_accuracy import covered_points, rigid_part, triangulation_shape
 from quadrig.single.errors import QuadrigError
 from quadrig.single.lens import LENS_PARAMETERS, project, project_with_derivatives
 from quadrig.single.rotation import Array

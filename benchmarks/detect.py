@@ -14,13 +14,13 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from quadrig.io.demo_scene import demo_scene
-from quadrig.single.detect import detect
-from quadrig.single.dictionaries import tag_dictionary
-from quadrig.single.marking_image import charuco_tag_squares
-from quadrig.single.rectangle import CharucoMarking, Rectangle, TagMarking, board_points
-from quadrig.single.render import backdrop, ray_grid, render
-from quadrig.single.room import Room
+from quadrig.io.demo.scene import demo_scene
+from quadrig.single.detect.dictionaries import tag_dictionary
+from quadrig.single.detect.image_search import detect
+from quadrig.single.marking import CharucoMarking, TagMarking, board_points, charuco_tag_squares
+from quadrig.single.rectangle import Rectangle
+from quadrig.single.render.picture import backdrop, ray_grid, render
+from quadrig.single.render.room import Room
 from quadrig.single.rotation import Array
 
 # Corners of one rectangle by name: its points (P, 3) m and pixels (P, 2).

@@ -16,7 +16,7 @@ from rich.console import Console
 from rich.table import Table
 from simulated import errors, ring
 
-from quadrig.rig.calibrate import calibrate
+from quadrig.rig.calibration import calibrate
 
 FRAMESETS = 100
 CAMERAS = (4, 8, 16, 32, 64, 128, 256)

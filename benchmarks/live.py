@@ -23,16 +23,18 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from quadrig.io.config import RigConfig
-from quadrig.io.demo import picture
-from quadrig.io.demo_scene import HEIGHT, WIDTH, Scene, demo_scene
-from quadrig.io.rerun_live import RerunScreen, Viewer
-from quadrig.io.setup_session import Screen, SetupPlan, SetupSession
-from quadrig.io.setup_state import SetupState
-from quadrig.io.setup_terminal import PlainScreen
-from quadrig.io.source_readers import parse_source
+from quadrig.io.config.rig_toml import RigConfig
+from quadrig.io.demo.rendered_recording import picture
+from quadrig.io.demo.scene import HEIGHT, WIDTH, Scene, demo_scene
+from quadrig.io.live.session import Screen, SetupPlan, SetupSession
+from quadrig.io.live.source_readers import parse_source
+from quadrig.io.live.state import SetupState
+from quadrig.io.live.terminal import PlainScreen
+from quadrig.io.viewer.live import RerunScreen
+from quadrig.io.viewer.process import Viewer
 from quadrig.io.workers import run_tasks
-from quadrig.single.rectangle import Rectangle, TagMarking
+from quadrig.single.marking import TagMarking
+from quadrig.single.rectangle import Rectangle
 
 RATE, FRAMES = 30, 300
 # The demo's path, walked through in half a minute: the speed of a hand that shows a board.

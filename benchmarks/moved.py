@@ -12,7 +12,7 @@ from multiprocessing import Pool
 import numpy as np
 from simulated import Scene, moved_poses, simulate, usual_scene, views_again
 
-from quadrig.rig.calibrate import calibrate
+from quadrig.rig.calibration import calibrate
 from quadrig.rig.moved import find_moved
 from quadrig.single.errors import QuadrigError
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from quadrig.rig.inputs import CameraInput
+from quadrig.rig.problem.camera_input import CameraInput
 from quadrig.single.pose import Pose
 from quadrig.single.rotation import Array
 from quadrig.single.view import View

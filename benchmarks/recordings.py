@@ -17,15 +17,15 @@ import cv2
 import numpy as np
 from detect import Found, PlainLoop, corners
 
-from quadrig.io.beside import written_beside
-from quadrig.io.config import write_config
-from quadrig.io.demo import demo_config
-from quadrig.io.demo_scene import Scene, SceneCamera, demo_scene
+from quadrig.io.config.rig_toml import write_config
+from quadrig.io.demo.rendered_recording import demo_config
+from quadrig.io.demo.scene import Scene, SceneCamera, demo_scene
 from quadrig.io.progress import progress_bar
-from quadrig.io.record import image_writer
+from quadrig.io.recording.convert import image_writer
+from quadrig.io.whole_file import written_beside
 from quadrig.io.workers import run_tasks
 from quadrig.single.pose import Pose
-from quadrig.single.render import Sheet, backdrop, ray_grid, render
+from quadrig.single.render.picture import Sheet, backdrop, ray_grid, render
 from quadrig.single.view import View
 
 FRAMESETS = 300
@@ -87,7 +87,7 @@ def shoot(shots: Shots) -> list[tuple[int, bytes]]:
 
 
 def _room():
-    from quadrig.io.demo_scene import ROOM
+    from quadrig.io.demo.scene import ROOM
 
     return ROOM
 
@@ -112,7 +112,7 @@ def render_recording(output: Path) -> None:
 
 def plain_search(block: tuple[str, str, int, int]) -> list[Found]:
     """The straight loop: decode and search whole images for tags and for the board, from one index to another."""
-    from quadrig.io.recording import open_recording
+    from quadrig.io.recording.recorded_cameras import open_recording
 
     name, camera, begin, end = block
     source = open_recording([Path(name)]).camera(camera).source.part(np.arange(begin, end))
@@ -159,10 +159,10 @@ def _truth(scene: Scene, camera: SceneCamera, frameset: int, key: tuple) -> np.n
 
 def search(path: Path) -> None:
     """Time the stages, and compare the rigs of all images, of the chosen tenth and of every tenth with the truth."""
-    from quadrig.io.detections import find_detections
-    from quadrig.io.framesets import build_framesets
-    from quadrig.io.looks import choose_frames
-    from quadrig.io.recording import open_recording
+    from quadrig.io.recording.framesets import build_framesets
+    from quadrig.io.recording.recorded_cameras import open_recording
+    from quadrig.io.search.choose_frames import choose_frames
+    from quadrig.io.search.detections import find_detections
 
     scene = demo_scene(FRAMESETS)
     began = time.perf_counter()
@@ -215,8 +215,8 @@ def _timed(name, plain, function):
 
 
 def _judge(name, scene, opened, views):
-    from quadrig.rig.calibrate import calibrate
-    from quadrig.rig.inputs import CameraInput
+    from quadrig.rig.calibration import calibrate
+    from quadrig.rig.problem.camera_input import CameraInput
 
     inputs = [CameraInput(camera.name, camera.width, camera.height) for camera in opened.cameras]
     rig = calibrate(inputs, scene.rectangles, views, "cam0")
@@ -240,10 +240,10 @@ def large(path: Path) -> None:
 
     import psutil
 
-    from quadrig.io.detections import find_detections
-    from quadrig.io.framesets import NO_FRAME, build_framesets
-    from quadrig.io.looks import choose_frames
-    from quadrig.io.recording import open_recording
+    from quadrig.io.recording.framesets import NO_FRAME, build_framesets
+    from quadrig.io.recording.recorded_cameras import open_recording
+    from quadrig.io.search.choose_frames import choose_frames
+    from quadrig.io.search.detections import find_detections
 
     times = -(-4 * 2**30 // path.stat().st_size)
     opened = open_recording([path])

@@ -21,8 +21,8 @@ from rich.console import Console
 from rich.table import Table
 from simulated import HEIGHT, WIDTH, Scene, simulate
 
-from quadrig.rig.calibrate import calibrate
-from quadrig.rig.inputs import CameraInput
+from quadrig.rig.calibration import calibrate
+from quadrig.rig.problem.camera_input import CameraInput
 from quadrig.single.pose import Pose
 from quadrig.single.rectangle import Rectangle
 from quadrig.single.rotation import vector_from_rotation

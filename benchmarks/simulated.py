@@ -9,11 +9,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from quadrig.rig.inputs import CameraInput
+from quadrig.rig.problem.camera_input import CameraInput
 from quadrig.rig.result import Rig
 from quadrig.single.lens import Intrinsics, LensModel, image_middle, project
+from quadrig.single.marking import board_points
 from quadrig.single.pose import Pose
-from quadrig.single.rectangle import Rectangle, board_points
+from quadrig.single.rectangle import Rectangle
 from quadrig.single.rotation import Array, rotation_from_vector, vector_from_rotation
 from quadrig.single.view import View
 

@@ -9,11 +9,11 @@ import time
 import cv2
 import numpy as np
 
-from quadrig.single.closed_form import closed_form
 from quadrig.single.pose import Pose
 from quadrig.single.rectangle import rectangle_corners
 from quadrig.single.rotation import rotation_from_angles
-from quadrig.single.solve import solve_rectangles
+from quadrig.single.solve.closed_form import closed_form
+from quadrig.single.solve.maximum_likelihood import solve_rectangles
 
 WIDTH, HEIGHT, IMAGE, NOISE = 0.297, 0.210, (1920, 1080), 0.3
 CENTRE = np.array([959.5, 539.5])

@@ -19,10 +19,10 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from quadrig.rig.advice import Situation, advise
-from quadrig.rig.calibrate import calibrate
-from quadrig.rig.coach import Coach
-from quadrig.rig.inputs import CameraInput
+from quadrig.rig.calibration import calibrate
+from quadrig.rig.coach.advice import Situation, advise
+from quadrig.rig.coach.conversation import Coach
+from quadrig.rig.problem.camera_input import CameraInput
 from quadrig.rig.result import Rig
 from quadrig.single.errors import QuadrigError
 from quadrig.single.lens import Intrinsics

@@ -16,7 +16,7 @@ from rich.console import Console
 from rich.table import Table
 from simulated import Errors, Simulated, errors, simulate, usual_scene
 
-from quadrig.rig.calibrate import calibrate
+from quadrig.rig.calibration import calibrate
 from quadrig.rig.result import Rig
 from quadrig.single.errors import QuadrigError
 from quadrig.single.view import View

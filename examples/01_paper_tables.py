@@ -14,17 +14,18 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from quadrig.single.bound import MEAN_ABSOLUTE, cramer_rao, paper_sigmas
 from quadrig.single.calibration import calibrate_view
-from quadrig.single.closed_form import closed_form
-from quadrig.single.detect import detect
+from quadrig.single.detect.image_search import detect
 from quadrig.single.lens import Intrinsics
-from quadrig.single.paper_form import paper_form
+from quadrig.single.marking import ChessboardMarking
 from quadrig.single.pose import Pose
-from quadrig.single.rectangle import ChessboardMarking, Rectangle, rectangle_corners
-from quadrig.single.render import Sheet, render
+from quadrig.single.rectangle import Rectangle, rectangle_corners
+from quadrig.single.render.picture import Sheet, render
 from quadrig.single.rotation import angles_from_rotation, rotation_from_angles
-from quadrig.single.solve import solve_points
+from quadrig.single.solve.closed_form import closed_form
+from quadrig.single.solve.cramer_rao import MEAN_ABSOLUTE, cramer_rao, paper_sigmas
+from quadrig.single.solve.maximum_likelihood import solve_points
+from quadrig.single.solve.paper_form import paper_form
 from quadrig.single.view import View
 
 ROWS = ("T_X", "T_Y", "T_Z", "theta_x", "theta_y", "theta_z", "f")
@@ -213,7 +214,7 @@ def table_2(
 
 def corners_of_homography(pixels: np.ndarray) -> np.ndarray:
     """Where the homography of all 8x8 points (N, 64, 2) has the four corners (N, 4, 2)."""
-    from quadrig.single.homography import homographies
+    from quadrig.single.solve.homography import homographies
 
     H = homographies(grid()[:, :2], pixels)
     corners = rectangle_corners(SIDE, SIDE)[:, :2]

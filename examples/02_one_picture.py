@@ -8,11 +8,12 @@ Here the picture is rendered, so that the truth is known; with a photograph cv2.
 import numpy as np
 
 from quadrig.single.calibration import calibrate_view
-from quadrig.single.detect import detect
+from quadrig.single.detect.image_search import detect
 from quadrig.single.lens import Intrinsics
+from quadrig.single.marking import TagMarking
 from quadrig.single.pose import Pose
-from quadrig.single.rectangle import Rectangle, TagMarking
-from quadrig.single.render import Sheet, render
+from quadrig.single.rectangle import Rectangle
+from quadrig.single.render.picture import Sheet, render
 
 
 def main() -> None:

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from quadrig.io.calibrate_recording import search_recording
-from quadrig.io.config import read_config
-from quadrig.rig.calibrate import calibrate
+from quadrig.io.config.rig_toml import read_config
+from quadrig.io.search.whole_recording import search_recording
+from quadrig.rig.calibration import calibrate
 
 
 def main() -> None:

@@ -13,17 +13,18 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from quadrig.rig.advice import Advice, Situation, advise
-from quadrig.rig.calibrate import calibrate
-from quadrig.rig.coach import Coach
-from quadrig.rig.inputs import CameraInput
+from quadrig.rig.calibration import calibrate
+from quadrig.rig.coach.advice import Advice, Situation, advise
+from quadrig.rig.coach.conversation import Coach
+from quadrig.rig.problem.camera_input import CameraInput
 from quadrig.rig.result import Rig
-from quadrig.single.detect import detect
+from quadrig.single.detect.image_search import detect
 from quadrig.single.errors import QuadrigError
 from quadrig.single.lens import Intrinsics
+from quadrig.single.marking import TagMarking
 from quadrig.single.pose import Pose
-from quadrig.single.rectangle import Rectangle, TagMarking
-from quadrig.single.render import Sheet, ray_grid, render
+from quadrig.single.rectangle import Rectangle
+from quadrig.single.render.picture import Sheet, ray_grid, render
 from quadrig.single.rotation import Array, rotation_from_vector
 from quadrig.single.view import View
 

@@ -17,25 +17,24 @@ from typing import Literal
 
 import numpy as np
 
+from quadrig.rig.adjustment.levenberg_marquardt import adjust, undamped
+from quadrig.rig.adjustment.outliers import USUAL_WEIGHT, noise_of
+from quadrig.rig.adjustment.schur import dense_matrix
+from quadrig.rig.joint.assemble import step_by_camera_twist
+from quadrig.rig.joint.cross_validation import leave_out
+from quadrig.rig.joint.stages import Joint, left_over, solve_jointly
+from quadrig.rig.problem.build import Problem, build_problem, components
+from quadrig.rig.problem.camera_input import CameraInput
+from quadrig.rig.result import CAMERA_PARAMETERS, Rig
+from quadrig.rig.start.lenses_and_poses import start
+from quadrig.rig.start.pose_graph import first_rig
+from quadrig.rig.words import length
 from quadrig.single.errors import QuadrigError
 from quadrig.single.lens import LENS_PARAMETERS
 from quadrig.single.pose import Pose
 from quadrig.single.rectangle import Rectangle
 from quadrig.single.rotation import Array
 from quadrig.single.view import View
-
-from .adjust import adjust, undamped
-from .assemble import step_by_camera_twist
-from .elimination import dense_matrix
-from .graph import first_rig
-from .inputs import CameraInput
-from .joint import Joint, left_over, solve_jointly
-from .left_out import leave_out
-from .outliers import USUAL_WEIGHT, noise_of
-from .problem import Problem, build_problem, components
-from .result import CAMERA_PARAMETERS, Rig
-from .start import start
-from .verdict import length
 
 State = Literal["unmoved", "moved", "cannot tell"]
 

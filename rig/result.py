@@ -139,3 +139,14 @@ class Rig:
     def position_sigma(self, name: str) -> float:
         """Root of the summed variances of the camera's position, m."""
         return float(np.sqrt(np.trace(self.pose_covariance(name)[3:, 3:])))
+
+
+def placed_pose(rig: Rig, rectangle: str, frameset: int) -> Pose | None:
+    """rig_from_rect of a rectangle at a frameset; None where it was not placed there."""
+    for placed in rig.rectangles:
+        if placed.name == rectangle:
+            if not placed.rectangle.moving:
+                return placed.rig_from_rect
+            rows = np.flatnonzero(np.asarray(placed.framesets) == frameset)
+            return placed.rig_from_rect[int(rows[0])] if len(rows) else None
+    return None

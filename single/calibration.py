@@ -6,16 +6,16 @@ from typing import Literal
 
 import numpy as np
 
-from .advice import focal_advice, percent, view_tilt
-from .corners import REASON_WORDS, Reason
-from .errors import QuadrigError
-from .lens import Intrinsics
-from .pose import Pose, inverse_jacobian
-from .refine import LensFit, fit_lens
-from .rotation import Array
-from .solve import NORMAL_95, Solution, solve_points
-from .twin import Twins, twin_poses
-from .view import View
+from quadrig.single.errors import QuadrigError
+from quadrig.single.lens import Intrinsics
+from quadrig.single.pose import Pose, inverse_jacobian
+from quadrig.single.rotation import Array
+from quadrig.single.solve.corners import REASON_WORDS, Reason
+from quadrig.single.solve.focal_advice import focal_advice, percent, view_tilt
+from quadrig.single.solve.lens_fit import LensFit, fit_lens
+from quadrig.single.solve.maximum_likelihood import NORMAL_95, Solution, solve_points
+from quadrig.single.solve.twin import Twins, twin_poses
+from quadrig.single.view import View
 
 Distortion = Literal["none", "k1", "k1 k2", "auto"]
 

@@ -12,7 +12,7 @@ from typing import Literal
 
 import numpy as np
 
-from .rotation import Array
+from quadrig.single.rotation import Array
 
 LensModel = Literal["pinhole", "fisheye"]
 

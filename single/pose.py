@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .rotation import (
+from quadrig.single.rotation import (
     Array,
     cross_matrix,
     quaternion_from_rotation,

@@ -6,13 +6,13 @@ has the axes of the sheet, and the corners of Eq. 4 run bottom right, bottom lef
 """
 
 from dataclasses import dataclass, field
-from typing import Literal
 
 import numpy as np
 
-from .errors import QuadrigError
-from .pose import Pose
-from .rotation import Array
+from quadrig.single.errors import QuadrigError
+from quadrig.single.marking import Marking, PointsMarking
+from quadrig.single.pose import Pose
+from quadrig.single.rotation import Array
 
 PAPER_SIZES = {
     "A5": (0.210, 0.148),
@@ -23,61 +23,6 @@ PAPER_SIZES = {
     "legal": (0.3556, 0.2159),
 }
 """Width and height in metres of papers lying across (ISO 216; ANSI in inches of 25.4 mm)."""
-
-
-@dataclass(frozen=True)
-class TagMarking:
-    """One ArUco or AprilTag square; dictionary such as "apriltag_36h11" or "aruco_4x4_50"."""
-
-    dictionary: str
-    id: int
-    kind: Literal["tag"] = "tag"
-
-
-@dataclass(frozen=True)
-class CharucoMarking:
-    """A ChArUco board of columns x rows squares of side `square`, tags of side `marker`, metres.
-
-    legacy: OpenCV's pattern before 4.6 (a board of even rows starts with a tag). inverted: white on black.
-    first_id: the id of the board's first tag; the others count on from it, row by row.
-    """
-
-    columns: int
-    rows: int
-    square: float
-    marker: float
-    dictionary: str
-    legacy: bool = False
-    inverted: bool = False
-    first_id: int = 0
-    kind: Literal["charuco"] = "charuco"
-
-
-@dataclass(frozen=True)
-class ChessboardMarking:
-    """A chessboard of columns x rows squares of side `square` metres, corners (columns-1) x (rows-1)."""
-
-    columns: int
-    rows: int
-    square: float
-    kind: Literal["chessboard"] = "chessboard"
-
-
-@dataclass(frozen=True)
-class PlainMarking:
-    """An unmarked sheet, lighter or darker than what it lies on."""
-
-    kind: Literal["plain"] = "plain"
-
-
-@dataclass(frozen=True)
-class PointsMarking:
-    """Corners given by hand."""
-
-    kind: Literal["points"] = "points"
-
-
-Marking = TagMarking | CharucoMarking | ChessboardMarking | PlainMarking | PointsMarking
 
 
 @dataclass(frozen=True)
@@ -115,12 +60,3 @@ def rectangle_corners(width: Array | float, height: Array | float) -> Array:
     x = np.stack([l1, -l1, -l1, l1], axis=-1)
     y = np.stack([l2, l2, -l2, -l2], axis=-1)
     return np.stack([x, y, np.broadcast_to(zero[..., None], x.shape)], axis=-1)
-
-
-def board_points(columns: int, rows: int, square: float) -> Array:
-    """Inner corners ((columns-1)(rows-1), 3) of a board of columns x rows squares, metres, row by row from the
-    top left, in the frame of the whole board's rectangle."""
-    x = (np.arange(1, columns) - columns / 2) * square
-    y = (np.arange(1, rows) - rows / 2) * square
-    grid_y, grid_x = np.meshgrid(y, x, indexing="ij")
-    return np.stack([grid_x.ravel(), grid_y.ravel(), np.zeros(grid_x.size)], axis=-1)

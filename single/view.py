@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from .rotation import Array
+from quadrig.single.rotation import Array
 
 
 @dataclass(frozen=True, eq=False)

@@ -40,7 +40,7 @@ def test_has_it_moved(shared_data: Path) -> None:
 
 
 def test_committed_configs_are_read() -> None:
-    from quadrig.io.config import read_config
+    from quadrig.io.config.rig_toml import read_config
 
     for path in EXAMPLES.glob("*.toml"):
         assert read_config(path).rectangles

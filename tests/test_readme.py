@@ -3,8 +3,8 @@
 import re
 from pathlib import Path
 
-from quadrig.io.commands import COMMANDS
-from quadrig.io.config import parse_config
+from quadrig.io.commands.main import COMMANDS
+from quadrig.io.config.rig_toml import parse_config
 
 ROOT = Path(__file__).resolve().parents[1]
 README = (ROOT / "README.md").read_text()

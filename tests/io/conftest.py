@@ -7,8 +7,9 @@ import pytest
 
 from quadrig.rig.result import Camera, PlacedRectangle, Rig, ViewFit
 from quadrig.single.lens import Intrinsics
+from quadrig.single.marking import CharucoMarking, TagMarking, board_points
 from quadrig.single.pose import Pose
-from quadrig.single.rectangle import CharucoMarking, Rectangle, TagMarking, board_points
+from quadrig.single.rectangle import Rectangle
 from quadrig.single.view import View
 
 FREE_LENS = ("focal", "cx", "cy", "k1", "k2")

@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from quadrig.io.commands import run
-from quadrig.io.rig_file import write_rig
+from quadrig.io.commands.main import run
+from quadrig.io.rig_file.rig_mcap import write_rig
 from quadrig.rig.moved import find_moved
 from quadrig.single.pose import Pose
 
@@ -15,7 +15,7 @@ from quadrig.single.pose import Pose
 @pytest.fixture
 def looked(monkeypatch):
     """Lets Views stand for a recording, so that a check needs no pictures."""
-    from quadrig.io import check_command
+    from quadrig.io.commands import check as check_command
 
     def with_views(views):
         monkeypatch.setattr(
@@ -86,7 +86,7 @@ def test_the_command_and_the_function_agree(example):
 
 @pytest.mark.parametrize(("count", "most"), [(10, 40), (111, 120), (1000, 120), (50, 7), (121, 120)])
 def test_framesets_are_searched_in_runs(count, most):
-    from quadrig.io.check_command import spread_runs
+    from quadrig.io.commands.check import spread_runs
 
     chosen = spread_runs(count, most)
     assert len(chosen) <= most

@@ -12,11 +12,12 @@ import cv2
 import numpy as np
 import pytest
 
-from quadrig.io import commands
+from quadrig.io.commands import main as commands
 from quadrig.single.lens import Intrinsics
+from quadrig.single.marking import TagMarking
 from quadrig.single.pose import Pose
-from quadrig.single.rectangle import Rectangle, TagMarking
-from quadrig.single.render import Sheet, ray_grid, render
+from quadrig.single.rectangle import Rectangle
+from quadrig.single.render.picture import Sheet, ray_grid, render
 
 RIG = Path(sys.executable).with_name("rig")
 DESK = Rectangle("desk", 0.20, 0.20, TagMarking("apriltag_36h11", 1))
@@ -82,7 +83,7 @@ def pictures(tmp_path_factory) -> Path:
 
 def test_help_lists_every_command_quickly_and_imports_none() -> None:
     heavy = "[m for m in ('cv2', 'scipy', 'rerun', 'networkx') if m in sys.modules]"
-    code = f"import sys; from quadrig.io.commands import run; run(['--help']); print('heavy:', {heavy})"
+    code = f"import sys; from quadrig.io.commands.main import run; run(['--help']); print('heavy:', {heavy})"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert "heavy: []" in done.stdout
     for name in commands.COMMANDS:

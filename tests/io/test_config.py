@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from quadrig.io.config import RigConfig, config_text, parse_config, read_config, write_config
+from quadrig.io.config.rig_toml import RigConfig, config_text, parse_config, read_config, write_config
 from quadrig.single.errors import QuadrigError
-from quadrig.single.rectangle import CharucoMarking, TagMarking
+from quadrig.single.marking import CharucoMarking, TagMarking
 
 ROOM = """
 reference = "cam0"      # the rig frame

@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from quadrig.io.config import read_config
-from quadrig.io.demo import picture
-from quadrig.io.demo_scene import BOARD, demo_scene, looking
-from quadrig.io.recording import open_recording
-from quadrig.io.rig_file import read_rig_file
-from quadrig.single.detect import detect
+from quadrig.io.config.rig_toml import read_config
+from quadrig.io.demo.rendered_recording import picture
+from quadrig.io.demo.scene import BOARD, demo_scene, looking
+from quadrig.io.recording.recorded_cameras import open_recording
+from quadrig.io.rig_file.rig_mcap import read_rig_file
+from quadrig.single.detect.image_search import detect
 
 RIG = Path(sys.executable).with_name("rig")
 FRAMESETS = 8

@@ -8,11 +8,11 @@ import cv2
 import numpy as np
 import pytest
 
-from quadrig.io.commands import run
-from quadrig.io.export import FORMATS, export_files
-from quadrig.io.export_opencv import node_names
-from quadrig.io.export_ros import roll_pitch_yaw
-from quadrig.io.rig_file import write_rig
+from quadrig.io.commands.main import run
+from quadrig.io.export.formats import FORMATS, export_files
+from quadrig.io.export.opencv import node_names
+from quadrig.io.export.ros import roll_pitch_yaw
+from quadrig.io.rig_file.rig_mcap import write_rig
 from quadrig.single.errors import QuadrigError
 from quadrig.single.rotation import rotation_from_quaternion, rotation_from_vector
 

@@ -8,9 +8,9 @@ import cv2
 import numpy as np
 import pytest
 
-from quadrig.io.commands import run
-from quadrig.io.picture_source import rig_pictures
-from quadrig.io.rig_file import write_rig
+from quadrig.io.commands.main import run
+from quadrig.io.rig_file.rig_mcap import write_rig
+from quadrig.io.viewer.pictures import rig_pictures
 from quadrig.single.errors import QuadrigError
 
 
@@ -46,8 +46,8 @@ def vulkan_driver() -> bool:
 @pytest.mark.skipif(sys.platform == "linux" and not vulkan_driver(), reason="no Vulkan driver draws here")
 def test_a_picture_is_taken_without_a_screen(rig_path, tmp_path, monkeypatch):
     # The viewer's notes fade over many seconds; here they may still lie on the picture.
-    monkeypatch.setattr("quadrig.io.rerun_screenshot._NOTES_SECONDS", 3.0)
-    monkeypatch.setattr("quadrig.io.rerun_screenshot._SIZE", "640x400")
+    monkeypatch.setattr("quadrig.io.viewer.screenshot._NOTES_SECONDS", 3.0)
+    monkeypatch.setattr("quadrig.io.viewer.screenshot._SIZE", "640x400")
     assert run(["inspect", str(rig_path), "--screenshot", str(tmp_path / "x.png")]) == 0
     picture = cv2.imread(str(tmp_path / "x.png"))
     assert picture.shape == (400, 640, 3)

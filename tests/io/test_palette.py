@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from quadrig.io import palette
+from quadrig.io.drawing import palette
 
 # The grounds of rerun's themes and of the report's.
 _DARK, _LIGHT = (22, 24, 30), (255, 255, 255)

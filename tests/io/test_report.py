@@ -11,13 +11,13 @@ import cv2
 import numpy as np
 import pytest
 
-from quadrig.io.commands import run
-from quadrig.io.palette import camera_colours
-from quadrig.io.report import report_html
-from quadrig.io.rig_file import RigFile, write_rig
-from quadrig.io.svg import Plot, round_values
+from quadrig.io.commands.main import run
+from quadrig.io.drawing.palette import camera_colours
+from quadrig.io.drawing.svg import Plot, round_values
+from quadrig.io.report.page import report_html
+from quadrig.io.rig_file.rig_mcap import RigFile, write_rig
+from quadrig.rig.doubt.verdict import verdict
 from quadrig.rig.result import Rig
-from quadrig.rig.verdict import verdict
 
 
 @pytest.fixture(scope="module")

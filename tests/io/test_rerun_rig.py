@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from quadrig.io.inspect_command import save_rrd
-from quadrig.io.rerun_rig import arrow_scale, edge_widths, graph_edges, residual_arrows, residual_histogram
-from quadrig.io.rig_file import RigFile
-from quadrig.io.rig_geometry import apart, ellipsoid, first_eye, level_axes, magnification, up_direction
-from quadrig.rig.residual_field import residual_field
-from quadrig.rig.verdict import verdict
+from quadrig.io.commands.inspect import save_rrd
+from quadrig.io.drawing.geometry import apart, ellipsoid, first_eye, level_axes, magnification, up_direction
+from quadrig.io.drawing.rig_figures import arrow_scale, edge_widths, graph_edges, residual_arrows, residual_histogram
+from quadrig.io.rig_file.rig_mcap import RigFile
+from quadrig.rig.doubt.residual_field import residual_field
+from quadrig.rig.doubt.verdict import verdict
 
 TIMES = tuple(5_000_000_000 + 33_000_000 * index for index in range(12))
 

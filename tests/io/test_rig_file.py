@@ -5,7 +5,7 @@ from dataclasses import fields, is_dataclass, replace
 import numpy as np
 import pytest
 
-from quadrig.io.rig_file import read_rig, read_rig_file, write_rig
+from quadrig.io.rig_file.rig_mcap import read_rig, read_rig_file, write_rig
 from quadrig.single.errors import QuadrigError
 from quadrig.single.pose import Pose
 
@@ -84,7 +84,7 @@ def test_foxglove_messages_hold_the_rig(rig_path, example_rig):
 
 
 def test_a_surveyed_reference_names_the_world(example_rig):
-    from quadrig.io.rig_file import rig_frame_name
+    from quadrig.io.rig_file.rig_mcap import rig_frame_name
 
     desk = next(placed for placed in example_rig.rectangles if placed.name == "desk")
     assert rig_frame_name(replace(example_rig, reference="desk")) == "world"

@@ -14,27 +14,29 @@ import cv2
 import numpy as np
 import pytest
 
-from quadrig.io.banner import banner
-from quadrig.io.commands import run
-from quadrig.io.config import parse_config
-from quadrig.io.frame import Frame
-from quadrig.io.kept_views import encode_views, read_kept_views
-from quadrig.io.live_recorder import LiveRecorder
-from quadrig.io.live_search import LiveSearch
-from quadrig.io.live_solver import thinned
-from quadrig.io.recording import open_recording
-from quadrig.io.rerun_live import RerunScreen, Viewer, shared_counts
-from quadrig.io.rig_file import read_rig
-from quadrig.io.setup_command import chosen_sources, length
-from quadrig.io.setup_session import SetupPlan, SetupSession
-from quadrig.io.setup_state import SetupState
-from quadrig.io.source_readers import parse_source
-from quadrig.single.detect import detect
+from quadrig.io.commands.main import run
+from quadrig.io.commands.setup import chosen_sources, length
+from quadrig.io.config.rig_toml import parse_config
+from quadrig.io.live.frame import Frame
+from quadrig.io.live.kept_views import encode_views, read_kept_views
+from quadrig.io.live.recorder import LiveRecorder
+from quadrig.io.live.search import LiveSearch
+from quadrig.io.live.session import SetupPlan, SetupSession
+from quadrig.io.live.solver import thinned
+from quadrig.io.live.source_readers import parse_source
+from quadrig.io.live.state import SetupState
+from quadrig.io.recording.recorded_cameras import open_recording
+from quadrig.io.rig_file.rig_mcap import read_rig
+from quadrig.io.viewer.banner import banner
+from quadrig.io.viewer.live import RerunScreen, shared_counts
+from quadrig.io.viewer.process import Viewer
+from quadrig.single.detect.image_search import detect
 from quadrig.single.errors import QuadrigError
 from quadrig.single.lens import Intrinsics
+from quadrig.single.marking import CharucoMarking, TagMarking
 from quadrig.single.pose import Pose
-from quadrig.single.rectangle import CharucoMarking, Rectangle, TagMarking
-from quadrig.single.render import RayGrid, Sheet, ray_grid, render
+from quadrig.single.rectangle import Rectangle
+from quadrig.single.render.picture import RayGrid, Sheet, ray_grid, render
 from quadrig.single.rotation import rotation_from_vector
 from quadrig.single.view import View
 
@@ -154,7 +156,7 @@ def test_it_stops_at_the_accuracy_asked_for_and_goes_on_from_there(videos, tmp_p
 
 def started(videos: Path, output: Path, *more: str) -> subprocess.Popen:
     """A session that waits for a stream that never comes, and so goes on after the videos' end."""
-    command = [sys.executable, "-m", "quadrig.io.commands", *arguments(videos, output, *more)]
+    command = [sys.executable, "-m", "quadrig.io.commands.main", *arguments(videos, output, *more)]
     return subprocess.Popen(
         [*command, f"late=watch:{output.parent}"],
         stdin=subprocess.PIPE,

@@ -6,11 +6,12 @@ import cv2
 import numpy as np
 import pytest
 
-from quadrig.io.commands import run
+from quadrig.io.commands.main import run
 from quadrig.single.lens import Intrinsics
+from quadrig.single.marking import PlainMarking, TagMarking
 from quadrig.single.pose import Pose
-from quadrig.single.rectangle import PlainMarking, Rectangle, TagMarking
-from quadrig.single.render import Sheet, render
+from quadrig.single.rectangle import Rectangle
+from quadrig.single.render.picture import Sheet, render
 from quadrig.single.rotation import rotation_from_angles
 
 LENS = Intrinsics(800, 600, 750.0, np.array([399.5, 299.5]))

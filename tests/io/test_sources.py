@@ -16,10 +16,10 @@ import cv2
 import numpy as np
 import pytest
 
-from quadrig.io.frame import Frame
-from quadrig.io.live_recorder import LiveRecorder
-from quadrig.io.source_readers import parse_source
-from quadrig.io.sources import LiveFramesets, Source
+from quadrig.io.live.frame import Frame
+from quadrig.io.live.recorder import LiveRecorder
+from quadrig.io.live.source_readers import parse_source
+from quadrig.io.live.sources import LiveFramesets, Source
 from quadrig.single.errors import QuadrigError
 
 WIDTH, HEIGHT = 320, 180

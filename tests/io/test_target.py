@@ -8,12 +8,13 @@ import cv2
 import numpy as np
 import pytest
 
-from quadrig.io.commands import run
-from quadrig.io.config import parse_config, read_config
-from quadrig.io.target import paper_named, parse_ids, parse_length, parse_measured
-from quadrig.single.detect import detect
+from quadrig.io.commands.main import run
+from quadrig.io.config.rig_toml import parse_config, read_config
+from quadrig.io.sheet.layout import paper_named, parse_ids, parse_length, parse_measured
+from quadrig.single.detect.image_search import detect
 from quadrig.single.errors import QuadrigError
-from quadrig.single.rectangle import PAPER_SIZES, ChessboardMarking, Rectangle
+from quadrig.single.marking import ChessboardMarking
+from quadrig.single.rectangle import PAPER_SIZES, Rectangle
 from quadrig.single.rotation import Array
 
 DPI = 150

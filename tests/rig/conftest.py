@@ -26,7 +26,7 @@ def simulated() -> ModuleType:
 @pytest.fixture(scope="session")
 def board_rig(simulated):
     """Three cameras, a moving board, two tags; and the Rig that its Views give."""
-    from quadrig.rig.calibrate import calibrate
+    from quadrig.rig.calibration import calibrate
 
     made = simulated.simulate(11, simulated.Scene(cameras=3, framesets=12))
     return made, calibrate(made.inputs, made.rectangles, made.views)

@@ -5,13 +5,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from quadrig.rig import elimination
-from quadrig.rig.adjust import Freedom, adjust, undamped
-from quadrig.rig.elimination import dense_matrix, eliminate, node_steps, reduced_inverse, solve_cameras, solve_for
-from quadrig.rig.inputs import CameraInput
-from quadrig.rig.normal_equations import State, layout, linearise, normal_equations
-from quadrig.rig.problem import build_problem
-from quadrig.rig.slack import SlackPrior
+from quadrig.rig.adjustment import schur as elimination
+from quadrig.rig.adjustment.levenberg_marquardt import Freedom, adjust, undamped
+from quadrig.rig.adjustment.normal_equations import State, layout, linearise, normal_equations
+from quadrig.rig.adjustment.schur import (
+    dense_matrix,
+    eliminate,
+    node_steps,
+    reduced_inverse,
+    solve_cameras,
+    solve_for,
+)
+from quadrig.rig.adjustment.slack import SlackPrior
+from quadrig.rig.problem.build import build_problem
+from quadrig.rig.problem.camera_input import CameraInput
 from quadrig.single.lens import Intrinsics, project, unproject
 from quadrig.single.pose import Pose
 

@@ -5,28 +5,23 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from quadrig.rig.advice import Advice, Situation, advise, best_placement, connected, millimetres, reached
-from quadrig.rig.coach import Coach
-from quadrig.rig.information import (
+from quadrig.rig.coach.advice import Advice, Situation, advise, best_placement, connected, reached
+from quadrig.rig.coach.conversation import Coach
+from quadrig.rig.coach.next_view import Placements, accuracy_weight, expected_drop, imagine, planning_points, seen
+from quadrig.rig.doubt.information import (
     camera_derivatives,
     covariance_of,
     rectangle_derivatives,
     triangulation_derivatives,
     visible,
 )
-from quadrig.rig.next_view import (
-    Placements,
-    accuracy_weight,
-    expected_drop,
-    imagine,
-    planning_points,
-    seen,
-)
+from quadrig.rig.doubt.working_accuracy import working_accuracy
 from quadrig.rig.result import CAMERA_PARAMETERS, Camera, PlacedRectangle, Rig
-from quadrig.rig.working_accuracy import working_accuracy
+from quadrig.rig.words import millimetres
 from quadrig.single.lens import Intrinsics
+from quadrig.single.marking import ChessboardMarking, TagMarking
 from quadrig.single.pose import Pose
-from quadrig.single.rectangle import ChessboardMarking, Rectangle, TagMarking
+from quadrig.single.rectangle import Rectangle
 from quadrig.single.rotation import rotation_from_vector
 from quadrig.single.view import View
 

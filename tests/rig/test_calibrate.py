@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from quadrig.rig.calibrate import calibrate
-from quadrig.rig.inputs import CameraInput
+from quadrig.rig.calibration import calibrate
+from quadrig.rig.problem.camera_input import CameraInput
 from quadrig.single.errors import QuadrigError
 from quadrig.single.lens import Intrinsics
 from quadrig.single.rotation import vector_from_rotation
@@ -212,8 +212,8 @@ def test_symmetric_boards_settle_by_the_vote_of_the_rig(board_rig):
 
 def test_mirror_twins_settle_by_the_vote_of_the_rig(simulated):
     """Small sheets far away: many a View's likelier tilt is the wrong one, yet all end the right way round."""
-    from quadrig.rig.problem import build_problem
-    from quadrig.rig.start import start
+    from quadrig.rig.problem.build import build_problem
+    from quadrig.rig.start.lenses_and_poses import start
 
     scene = simulated.Scene(board=False, distortion=False, framesets=30, noise=0.6, tags=3, principal=0.005)
     made = simulated.simulate(21, scene)

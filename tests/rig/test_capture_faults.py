@@ -4,21 +4,22 @@ import cv2
 import numpy as np
 import pytest
 
-from quadrig.rig.capture_faults import (
+from quadrig.rig.coach.capture_faults import (
     blur_fault,
     exposure_fault,
     held_still_fault,
     not_static_fault,
     wrong_board_fault,
 )
-from quadrig.rig.edge_width import view_edge_widths
-from quadrig.rig.novelty import Places, displaced, news, outlines_of, speed
-from quadrig.rig.printed_scale import relative_scales, scale_fault
+from quadrig.rig.coach.edge_width import view_edge_widths
+from quadrig.rig.coach.novelty import Places, displaced, news, outlines_of, speed
+from quadrig.rig.coach.printed_scale import relative_scales, scale_fault
 from quadrig.rig.result import Camera, PlacedRectangle, Rig, ViewFit
 from quadrig.single.lens import Intrinsics
+from quadrig.single.marking import CharucoMarking, TagMarking, board_points
 from quadrig.single.pose import Pose
-from quadrig.single.rectangle import CharucoMarking, Rectangle, TagMarking, board_points
-from quadrig.single.render import Sheet, render
+from quadrig.single.rectangle import Rectangle
+from quadrig.single.render.picture import Sheet, render
 from quadrig.single.rotation import rotation_from_vector
 from quadrig.single.view import View
 

@@ -5,14 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from quadrig.rig.calibrate import calibrate
-from quadrig.rig.clock import motion
-from quadrig.rig.in_step import in_step
-from quadrig.rig.inputs import CameraInput
-from quadrig.rig.problem import build_problem
+from quadrig.rig.adjustment.motion import motion
+from quadrig.rig.calibration import calibrate
+from quadrig.rig.problem.build import build_problem
+from quadrig.rig.problem.camera_input import CameraInput
+from quadrig.rig.start.clock_offsets import in_step
 from quadrig.single.lens import Intrinsics
+from quadrig.single.marking import board_points
 from quadrig.single.pose import Pose
-from quadrig.single.rectangle import Rectangle, board_points
+from quadrig.single.rectangle import Rectangle
 from quadrig.single.view import View
 
 RATE, SECONDS, NOISE = 30.0, 3.0, 0.2

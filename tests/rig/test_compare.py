@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from quadrig.rig.compare import compare
+from quadrig.rig.comparison import compare
 from quadrig.rig.result import CAMERA_PARAMETERS
 from quadrig.single.errors import QuadrigError
 from quadrig.single.pose import Pose
@@ -44,7 +44,7 @@ def test_a_rig_equals_itself_in_any_frame(rig):
 
 
 def test_one_camera_that_moved_stands_out(simulated):
-    from quadrig.rig.calibrate import calibrate
+    from quadrig.rig.calibration import calibrate
 
     made = simulated.simulate(3, simulated.Scene(cameras=5, framesets=15, tags=0))
     rig = calibrate(made.inputs, made.rectangles, made.views)
@@ -56,7 +56,7 @@ def test_one_camera_that_moved_stands_out(simulated):
 
 
 def test_calibrations_of_other_views_agree_within_sigmas(simulated):
-    from quadrig.rig.calibrate import calibrate
+    from quadrig.rig.calibration import calibrate
 
     made = simulated.simulate(8, simulated.Scene(cameras=3, framesets=24, tags=0))
     halves = [

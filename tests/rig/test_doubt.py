@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from quadrig.rig.calibrate import calibrate
-from quadrig.rig.working_accuracy import covered_points, triangulation_shape, working_accuracy
+from quadrig.rig.calibration import calibrate
+from quadrig.rig.doubt.working_accuracy import covered_points, triangulation_shape, working_accuracy
 from quadrig.single.pose import Pose, inverse_jacobian
 
 

@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from quadrig.rig.calibrate import calibrate
-from quadrig.rig.graph import first_rig
-from quadrig.rig.joint import solve_jointly
-from quadrig.rig.problem import build_problem, components
-from quadrig.rig.start import start
+from quadrig.rig.calibration import calibrate
+from quadrig.rig.joint.stages import solve_jointly
+from quadrig.rig.problem.build import build_problem, components
+from quadrig.rig.start.lenses_and_poses import start
+from quadrig.rig.start.pose_graph import first_rig
 from quadrig.single.rotation import rotation_from_vector
 
 

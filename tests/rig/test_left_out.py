@@ -5,14 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from quadrig.rig.adjust import adjust
-from quadrig.rig.calibrate import calibrate
-from quadrig.rig.graph import first_rig
-from quadrig.rig.joint import solve_jointly
-from quadrig.rig.left_out import leave_out
-from quadrig.rig.normal_equations import linearise
-from quadrig.rig.problem import build_problem
-from quadrig.rig.start import start
+from quadrig.rig.adjustment.levenberg_marquardt import adjust
+from quadrig.rig.adjustment.normal_equations import linearise
+from quadrig.rig.calibration import calibrate
+from quadrig.rig.joint.cross_validation import leave_out
+from quadrig.rig.joint.stages import solve_jointly
+from quadrig.rig.problem.build import build_problem
+from quadrig.rig.start.lenses_and_poses import start
+from quadrig.rig.start.pose_graph import first_rig
 
 
 def jointly(made):

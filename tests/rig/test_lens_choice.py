@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from quadrig.rig.calibrate import calibrate
-from quadrig.rig.inputs import CameraInput
+from quadrig.rig.calibration import calibrate
+from quadrig.rig.problem.camera_input import CameraInput
 from quadrig.single.lens import project
 from quadrig.single.rectangle import Rectangle
 from quadrig.single.rotation import vector_from_rotation

@@ -5,12 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from quadrig.rig.calibrate import calibrate
-from quadrig.rig.inputs import CameraInput
+from quadrig.rig.calibration import calibrate
+from quadrig.rig.problem.camera_input import CameraInput
 from quadrig.single.errors import QuadrigError
 from quadrig.single.lens import project
+from quadrig.single.marking import board_points
 from quadrig.single.pose import Pose
-from quadrig.single.rectangle import Rectangle, board_points
+from quadrig.single.rectangle import Rectangle
 from quadrig.single.rotation import rotation_from_vector
 from quadrig.single.view import View
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from quadrig.rig.calibrate import calibrate
+from quadrig.rig.calibration import calibrate
 from quadrig.rig.moved import find_moved
 from quadrig.single.errors import QuadrigError
 

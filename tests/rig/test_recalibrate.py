@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from quadrig.rig.calibrate import calibrate
-from quadrig.rig.recalibrate import recalibrate
+from quadrig.rig.calibration import calibrate
+from quadrig.rig.recalibration import recalibrate
 from quadrig.single.errors import QuadrigError
 from quadrig.single.pose import Pose
 

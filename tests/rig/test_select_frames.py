@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from quadrig.rig.select_frames import LEAST, Looks, choose_framesets, image_quality
+from quadrig.rig.coach.select_frames import LEAST, Looks, choose_framesets, image_quality
 
 HEIGHT, WIDTH = 18, 32
 

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from quadrig.rig.calibrate import calibrate
-from quadrig.rig.slack import SlackPrior, learned, slack_steps, soften, strays
+from quadrig.rig.adjustment.slack import SlackPrior, learned, slack_steps, soften, strays
+from quadrig.rig.calibration import calibrate
 from quadrig.single.lens import project
 from quadrig.single.pose import Pose
 

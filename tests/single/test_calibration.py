@@ -5,14 +5,15 @@ import numpy as np
 import pytest
 
 from quadrig.single.calibration import calibrate_view, calibrate_views
-from quadrig.single.corners import Reason, in_turn
-from quadrig.single.detect import detect
+from quadrig.single.detect.image_search import detect
 from quadrig.single.errors import QuadrigError
 from quadrig.single.lens import Intrinsics
+from quadrig.single.marking import ChessboardMarking, board_points
 from quadrig.single.pose import Pose
-from quadrig.single.rectangle import ChessboardMarking, Rectangle, board_points, rectangle_corners
-from quadrig.single.refine import fit_lens
+from quadrig.single.rectangle import Rectangle, rectangle_corners
 from quadrig.single.rotation import rotation_from_angles
+from quadrig.single.solve.corners import Reason, in_turn
+from quadrig.single.solve.lens_fit import fit_lens
 from quadrig.single.view import View
 
 SIZE = (1920, 1080)

@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from quadrig.single.bound import cramer_rao
-from quadrig.single.closed_form import closed_form
-from quadrig.single.corners import Reason
 from quadrig.single.errors import QuadrigError
-from quadrig.single.paper_form import paper_form
 from quadrig.single.pose import Pose
 from quadrig.single.rectangle import rectangle_corners
 from quadrig.single.rotation import rotation_from_angles
+from quadrig.single.solve.closed_form import closed_form
+from quadrig.single.solve.corners import Reason
+from quadrig.single.solve.cramer_rao import cramer_rao
+from quadrig.single.solve.paper_form import paper_form
 
 CENTRE = np.array([959.5, 539.5])
 # Rounding of a pixel coordinate near 1000: no method can know the corners better.

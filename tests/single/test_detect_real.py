@@ -4,8 +4,9 @@ import cv2
 import numpy as np
 import pytest
 
-from quadrig.single.detect import detect
-from quadrig.single.rectangle import CharucoMarking, ChessboardMarking, Rectangle, TagMarking
+from quadrig.single.detect.image_search import detect
+from quadrig.single.marking import CharucoMarking, ChessboardMarking, TagMarking
+from quadrig.single.rectangle import Rectangle
 from quadrig.single.view import View
 
 

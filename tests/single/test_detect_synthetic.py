@@ -5,21 +5,15 @@ import itertools
 import numpy as np
 import pytest
 
-from quadrig.single.detect import check_rectangles, detect
-from quadrig.single.detect_plain import detect_plain
-from quadrig.single.dictionaries import canonical_dictionary, dictionary_names
+from quadrig.single.detect.blank_sheet import detect_plain
+from quadrig.single.detect.dictionaries import canonical_dictionary, dictionary_names
+from quadrig.single.detect.image_search import check_rectangles, detect
 from quadrig.single.errors import QuadrigError
 from quadrig.single.lens import Intrinsics
+from quadrig.single.marking import CharucoMarking, ChessboardMarking, Marking, PlainMarking, TagMarking
 from quadrig.single.pose import Pose
-from quadrig.single.rectangle import (
-    CharucoMarking,
-    ChessboardMarking,
-    Marking,
-    PlainMarking,
-    Rectangle,
-    TagMarking,
-)
-from quadrig.single.render import Sheet, ray_grid, render
+from quadrig.single.rectangle import Rectangle
+from quadrig.single.render.picture import Sheet, ray_grid, render
 from quadrig.single.rotation import Array, rotation_from_vector
 from quadrig.single.view import View
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from quadrig.single.homography import homographies
+from quadrig.single.solve.homography import homographies
 
 
 def some(count, seed=0):

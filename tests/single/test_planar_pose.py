@@ -2,11 +2,12 @@
 
 import numpy as np
 
-from quadrig.single.homography import homographies
-from quadrig.single.planar_pose import planar_poses
+from quadrig.single.marking import board_points
 from quadrig.single.pose import Pose
-from quadrig.single.rectangle import board_points, rectangle_corners
+from quadrig.single.rectangle import rectangle_corners
 from quadrig.single.rotation import rotation_from_vector
+from quadrig.single.solve.homography import homographies
+from quadrig.single.solve.planar_pose import planar_poses
 
 
 def in_front(count, seed=0, tilt=0.6):

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from quadrig.single.errors import QuadrigError
+from quadrig.single.marking import board_points
 from quadrig.single.pose import Pose
-from quadrig.single.rectangle import PAPER_SIZES, Rectangle, board_points, rectangle_corners
+from quadrig.single.rectangle import PAPER_SIZES, Rectangle, rectangle_corners
 
 
 def test_the_corners_are_those_of_equation_4():

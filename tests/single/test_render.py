@@ -4,17 +4,12 @@ import numpy as np
 import pytest
 
 from quadrig.single.lens import Intrinsics
-from quadrig.single.marking_image import marking_image, marking_patches, quiet_zone
+from quadrig.single.marking import CharucoMarking, ChessboardMarking, PlainMarking, TagMarking
 from quadrig.single.pose import Pose
-from quadrig.single.rectangle import (
-    CharucoMarking,
-    ChessboardMarking,
-    PlainMarking,
-    Rectangle,
-    TagMarking,
-)
-from quadrig.single.render import Sheet, backdrop, ray_grid, render
-from quadrig.single.room import Room
+from quadrig.single.rectangle import Rectangle
+from quadrig.single.render.marking_image import marking_image, marking_patches, quiet_zone
+from quadrig.single.render.picture import Sheet, backdrop, ray_grid, render
+from quadrig.single.render.room import Room
 
 STRAIGHT = Intrinsics.centred(160, 120, 200.0)
 BENT = Intrinsics(160, 120, 130.0, np.array([80.0, 58.0]), np.array([-0.25, 0.08, 1e-3, -5e-4, 0.0]))

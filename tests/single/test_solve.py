@@ -5,14 +5,14 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from quadrig.single.bound import MEAN_ABSOLUTE, cramer_rao, paper_sigmas
-from quadrig.single.corners import Reason
 from quadrig.single.errors import QuadrigError
 from quadrig.single.pose import Pose
 from quadrig.single.rectangle import rectangle_corners
 from quadrig.single.rotation import angles_from_rotation, rotation_from_angles
-from quadrig.single.solve import Solution, solve_points, solve_rectangles
-from quadrig.single.twin import mirrored, twin_poses
+from quadrig.single.solve.corners import Reason
+from quadrig.single.solve.cramer_rao import MEAN_ABSOLUTE, cramer_rao, paper_sigmas
+from quadrig.single.solve.maximum_likelihood import Solution, solve_points, solve_rectangles
+from quadrig.single.solve.twin import mirrored, twin_poses
 
 IMAGE = np.array([1920, 1080])
 CENTRE = (IMAGE - 1) / 2

@@ -13,13 +13,14 @@ import cv2
 import numpy as np
 import pytest
 
-from quadrig.io.detections import find_detections, find_views
-from quadrig.io.framesets import build_framesets
-from quadrig.io.mcap_reader import index_mcap
-from quadrig.io.recording import open_recording
+from quadrig.io.recording.framesets import build_framesets
+from quadrig.io.recording.mcap_reader import index_mcap
+from quadrig.io.recording.recorded_cameras import open_recording
+from quadrig.io.search.detections import find_detections, find_views
 from quadrig.io.workers import run_tasks
 from quadrig.single.errors import QuadrigError
-from quadrig.single.rectangle import Rectangle, TagMarking
+from quadrig.single.marking import TagMarking
+from quadrig.single.rectangle import Rectangle
 
 COUNT = 20
 TAG = Rectangle("tag", 0.1, 0.1, TagMarking("aruco_4x4_50", 7))

@@ -13,13 +13,14 @@ import cv2
 import numpy as np
 import pytest
 
-from quadrig.io.fleet import Job, dask_executor, find_jobs, run_fleet
-from quadrig.io.rig_file import read_rig
+from quadrig.io.batch.fleet import Job, dask_executor, find_jobs, run_fleet
+from quadrig.io.rig_file.rig_mcap import read_rig
 from quadrig.single.errors import QuadrigError
 from quadrig.single.lens import Intrinsics
+from quadrig.single.marking import TagMarking
 from quadrig.single.pose import Pose
-from quadrig.single.rectangle import Rectangle, TagMarking
-from quadrig.single.render import Sheet, ray_grid, render
+from quadrig.single.rectangle import Rectangle
+from quadrig.single.render.picture import Sheet, ray_grid, render
 
 CALIBRATE = """
 import os, time
@@ -130,7 +131,7 @@ def test_a_worker_of_a_cluster_is_killed_and_nothing_is_lost(tmp_path):
 
 def test_no_scheduler_is_one_sentence(monkeypatch):
     pytest.importorskip("distributed")
-    monkeypatch.setattr("quadrig.io.fleet._SECONDS_TO_ANSWER", 1)
+    monkeypatch.setattr("quadrig.io.batch.fleet._SECONDS_TO_ANSWER", 1)
     began = time.monotonic()
     with pytest.raises(QuadrigError, match="no Dask scheduler answers"), dask_executor("tcp://127.0.0.1:9"):
         pass

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from quadrig.io.framesets import NO_FRAME, build_framesets, match_stamps
+from quadrig.io.recording.framesets import NO_FRAME, build_framesets, match_stamps
 from quadrig.single.errors import QuadrigError
 
 MILLISECOND = 10**6

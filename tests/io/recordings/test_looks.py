@@ -3,9 +3,9 @@
 import cv2
 import numpy as np
 
-from quadrig.io.framesets import NO_FRAME, build_framesets
-from quadrig.io.looks import choose_frames, look_at
-from quadrig.io.recording import open_recording
+from quadrig.io.recording.framesets import NO_FRAME, build_framesets
+from quadrig.io.recording.recorded_cameras import open_recording
+from quadrig.io.search.choose_frames import choose_frames, look_at
 
 
 def test_still_and_sharp_images_are_chosen(tmp_path):

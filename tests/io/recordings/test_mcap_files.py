@@ -5,8 +5,8 @@ import re
 import cv2
 import pytest
 
-from quadrig.io.mcap_reader import MAGIC, McapBytes, index_mcap
-from quadrig.io.recording import open_recording
+from quadrig.io.recording.mcap_reader import MAGIC, McapBytes, index_mcap
+from quadrig.io.recording.recorded_cameras import open_recording
 
 foxglove = pytest.importorskip("foxglove")
 

@@ -6,9 +6,9 @@ import cv2
 import numpy as np
 import pytest
 
-from quadrig.io.commands import run
-from quadrig.io.framesets import NO_FRAME, build_framesets
-from quadrig.io.recording import open_recording
+from quadrig.io.commands.main import run
+from quadrig.io.recording.framesets import NO_FRAME, build_framesets
+from quadrig.io.recording.recorded_cameras import open_recording
 
 av = pytest.importorskip("av")
 
@@ -167,7 +167,7 @@ def test_a_video_that_is_none(tmp_path, capsys):
 
 
 def test_info_of_a_rig_says_the_rig(tmp_path, capsys):
-    from quadrig.io.rig_file import write_rig
+    from quadrig.io.rig_file.rig_mcap import write_rig
     from quadrig.rig.result import Camera, Rig
     from quadrig.single.lens import Intrinsics
     from quadrig.single.pose import Pose

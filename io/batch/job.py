@@ -1,0 +1,42 @@
+"""One recording of a fleet calibrated in a process of its own: from files to a file, and one line of words."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from quadrig.io.batch.fleet import Job
+from quadrig.io.config.rig_toml import RigConfig, parse_config
+from quadrig.io.report.table import millimetres
+from quadrig.io.rig_file.rig_mcap import write_rig
+from quadrig.io.search.detection_file import detections_beside
+from quadrig.io.search.whole_recording import Effort, refuse_missing, search_recording
+from quadrig.rig.calibration import calibrate
+
+
+@dataclass(frozen=True)
+class CalibrateJob:
+    """What run_fleet calls for every recording: `rig calibrate` with one rig.toml for all.
+
+    config_text: the rig.toml; it travels to other machines where the recordings have the same paths, the rig.toml
+    perhaps not. keep: what was found, beside the rig, for the next run.
+    """
+
+    config_text: str
+    tolerance: float | None = None
+    share: float = 1.0
+    all_cameras: bool = False
+    keep: bool = True
+
+    def __call__(self, job: Job) -> str:
+        """Calibrates one recording and writes its rig. Raises QuadrigError as `rig calibrate` does."""
+        config: RigConfig = parse_config(self.config_text)
+        # Every process has one recording: it searches by itself and shows no bar of its own.
+        cache = detections_beside(job.output) if self.keep else None
+        effort = Effort(self.tolerance, self.share, workers=1, cache=cache, progress=False)
+        searched = search_recording([Path(path) for path in job.recording], config, effort)
+        rig = calibrate(searched.cameras, config.rectangles, searched.views, config.reference)
+        if self.all_cameras:
+            refuse_missing(rig)
+        write_rig(job.output, rig, self.config_text, searched.times)
+        accuracy = millimetres(rig.working_accuracy)
+        without = f", without {', '.join(rig.missing)}" if rig.missing else ""
+        return f"working accuracy {accuracy}, {len(rig.cameras)} cameras{without}, RMS {rig.rms:.3f} px"

@@ -1,0 +1,177 @@
+"""`rig calibrate`: a recording and a rig.toml in, a rig.mcap and a table out."""
+
+import math
+import sys
+from contextlib import nullcontext
+from dataclasses import replace
+from itertools import combinations
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from quadrig.io.batch.job import CalibrateJob
+from quadrig.io.config.rig_toml import RigConfig, read_config
+from quadrig.io.rig_file.rig_mcap import read_rig, write_rig
+from quadrig.io.search.detection_file import detections_beside
+from quadrig.io.search.whole_recording import Effort, Searched, refuse_missing, search_recording
+from quadrig.io.whole_file import refuse_no_place
+from quadrig.rig.calibration import calibrate as calibrate_views
+from quadrig.rig.result import Rig
+from quadrig.single.errors import QuadrigError
+
+
+def calibrate(
+    recording: Annotated[list[Path], typer.Argument(help="MCAP files, videos or folders.", metavar="RECORDING...")],
+    config: Annotated[Path, typer.Option("--config", "-c", help="What stands in the room.")] = Path("rig.toml"),
+    output: Annotated[Path, typer.Option("--output", "-o", help="The rig to write.")] = Path("rig.mcap"),
+    only: Annotated[
+        list[str] | None, typer.Option(help="Solve this camera anew, the others stay as --from has them; repeatable.")
+    ] = None,
+    before: Annotated[Path | None, typer.Option("--from", help="The rig.mcap from before a camera moved.")] = None,
+    all_cameras: Annotated[
+        bool, typer.Option("--all-cameras", help="Fail, and write no rig, rather than leave a camera out.")
+    ] = False,
+    tolerance: Annotated[float | None, typer.Option(help="Most that stamps of one instant differ, seconds.")] = None,
+    share: Annotated[
+        float, typer.Option(min=0.0, max=1.0, help="Search only this share of the framesets, the best ones.")
+    ] = 1.0,
+    cache: Annotated[
+        Path | None,
+        typer.Option(help="Where what was found is kept for the next run; else rig.detections.mcap beside rig.mcap."),
+    ] = None,
+    no_cache: Annotated[bool, typer.Option("--no-cache", help="Keep nothing, and search every image anew.")] = False,
+    workers: Annotated[int | None, typer.Option(min=1, help="Worker processes; else one a processor.")] = None,
+    each: Annotated[
+        bool,
+        typer.Option("--each", help="Every RECORDING is a rig of its own; --output is their folder."),
+    ] = False,
+    dask: Annotated[str | None, typer.Option(help="With --each: a Dask scheduler, tcp://HOST:8786.")] = None,
+    again: Annotated[bool, typer.Option("--again", help="With --each: also those whose results are there.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="The result as JSON, for programs.")] = False,
+) -> None:
+    """Calibrate the cameras of a recording.
+
+    Finds the rectangles of rig.toml in every image, solves lenses and poses together, says how sure each is, and
+    writes rig.mcap. Cameras that share no rectangle with the others are left out, and it is said why. What was found
+    is kept in rig.detections.mcap: the same command does not search again what was searched, also after Ctrl-C.
+
+    Example: rig calibrate room.mcap --config rig.toml -o rig.mcap
+
+    One camera was moved: rig calibrate new.mcap --only cam2 --from rig.mcap -o rig2.mcap
+
+    Many recordings, one rig each: rig calibrate recordings/ --each -o rigs/
+    """
+    described = read_config(config)
+    if bool(only) != (before is not None):
+        raise QuadrigError("--only and --from belong together: give the camera that moved and the rig from before")
+    if cache is not None and (no_cache or each):
+        other = "--each, which keeps what was found beside each result" if each else "--no-cache"
+        raise QuadrigError(f"--cache does not go with {other}; leave one of them out")
+    if each:
+        calibrate_one = CalibrateJob(described.text, tolerance, share, all_cameras, keep=not no_cache)
+        _calibrate_each(recording, output, calibrate_one, workers, dask, again)
+        return
+    if dask is not None:
+        raise QuadrigError("--dask is for many recordings; give them with --each")
+    refuse_no_place(output)
+    if not no_cache:
+        cache = cache or detections_beside(output)
+    earlier = read_rig(before) if before is not None else None
+    effort = Effort(tolerance, share, workers, cache)
+    searched = search_recording(recording, described, effort)
+    for note in searched.notes:
+        print(f"note: {note}", file=sys.stderr)
+    try:
+        rig = _solve(searched, described, only or [], earlier)
+    except KeyboardInterrupt:
+        if not no_cache:
+            print(f"stopped: what was found is kept in {cache}; the same command goes on from there", file=sys.stderr)
+        raise
+    if all_cameras:
+        refuse_missing(rig)
+    for sentence in rig.missing.values():
+        print(f"left out: {sentence}", file=sys.stderr)
+    write_rig(output, rig, described.text, searched.times)
+    _show(rig, output, as_json)
+
+
+def _solve(searched: Searched, config: RigConfig, only: list[str], earlier: Rig | None) -> Rig:
+    if earlier is None:
+        return calibrate_views(searched.cameras, config.rectangles, searched.views, config.reference)
+    from quadrig.rig.recalibration import recalibrate
+
+    rig = recalibrate(earlier, only, searched.cameras, config.rectangles, searched.views)
+    # A camera of the earlier rig that this recording does not hold stays as it was: nothing is missing.
+    held = {camera.name for camera in earlier.cameras}
+    return replace(rig, missing={name: why for name, why in rig.missing.items() if name not in held})
+
+
+def _calibrate_each(
+    recordings: list[Path],
+    output: Path,
+    calibrate_one: CalibrateJob,
+    workers: int | None,
+    dask: str | None,
+    again: bool,
+) -> None:
+    from quadrig.io.batch.fleet import dask_executor, find_jobs, run_fleet
+
+    if output.suffix == ".mcap":
+        raise QuadrigError(f"--each writes many results and {output} is one file; give a folder with --output")
+    jobs = find_jobs(recordings, output)
+    output.mkdir(parents=True, exist_ok=True)
+    failed = done = 0
+    try:
+        with dask_executor(dask) if dask else nullcontext() as executor:
+            for outcome in run_fleet(calibrate_one, jobs, workers, executor, again):
+                state = "failed: " if outcome.failed else "" if outcome.kept else f"{outcome.seconds:.0f} s: "
+                print(f"{outcome.job.output}: {state}{outcome.message}", flush=True)
+                failed += outcome.failed
+                done += not outcome.failed
+    except KeyboardInterrupt:
+        print(f"stopped: {done} of {len(jobs)} rigs are made; the same command goes on from there", file=sys.stderr)
+        raise
+    if failed:
+        raise QuadrigError(f"{failed} of {len(jobs)} recordings failed; their lines above say why")
+
+
+def _show(rig: Rig, output: Path, as_json: bool) -> None:
+    if as_json:
+        import json
+
+        print(json.dumps(result_values(rig), indent=2))
+        return
+    from quadrig.io.report.table import print_rig
+
+    print_rig(rig)
+    print(f"\n{output}: look at it with `rig inspect {output}`", file=sys.stderr)
+
+
+def result_values(rig: Rig) -> dict[str, object]:
+    """The values of `rig export --format json`, and with them how well all fits, what is weak, who is missing."""
+    from quadrig.io.export.values import rig_values
+
+    figures = {"rms_px": rig.rms, "left_out_rms_px": rig.left_out_rms, "noise_px": rig.noise}
+    return {
+        **rig_values(rig),
+        **{name: figure if math.isfinite(figure) else None for name, figure in figures.items()},
+        "views": {camera.name: camera.views for camera in rig.cameras},
+        "weak": list(rig.weak),
+        "missing": dict(rig.missing),
+        "relative": [_between(rig, one.name, two.name) for one, two in combinations(rig.cameras, 2)],
+    }
+
+
+def _between(rig: Rig, one: str, two: str) -> dict[str, object]:
+    """How far apart two cameras are, and how sure their relative pose is."""
+    variance = rig.relative_covariance(one, two).diagonal()
+    step = rig.camera(one).rig_from_camera.translation - rig.camera(two).rig_from_camera.translation
+    return {
+        "cameras": [one, two],
+        "distance_m": math.hypot(*step),
+        "sigma": {
+            "rotation_deg": math.degrees(math.sqrt(max(variance[:3].sum(), 0.0))),
+            "position_m": math.sqrt(max(variance[3:].sum(), 0.0)),
+        },
+    }

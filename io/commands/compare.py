@@ -1,0 +1,115 @@
+"""`rig compare`: two calibrations of one rig."""
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+
+from quadrig.io.rig_file.rig_mcap import read_rig
+from quadrig.io.viewer import show as rerun_show
+from quadrig.rig.comparison import CameraDifference, Comparison
+from quadrig.rig.comparison import compare as compare_rigs
+from quadrig.rig.result import Rig
+from quadrig.rig.words import length
+
+# A difference this unlikely by chance is called one.
+_UNLIKELY = 0.01
+
+
+def compare(
+    first: Annotated[Path, typer.Argument(help="A rig.mcap.", metavar="A.mcap")],
+    second: Annotated[Path, typer.Argument(help="Another of the same cameras.", metavar="B.mcap")],
+    save: Annotated[Path | None, typer.Option(help="Write both, aligned, to an .rrd file for rerun.")] = None,
+    web: Annotated[bool, typer.Option("--web", help="Serve that to a browser on this machine.")] = False,
+    screenshot: Annotated[Path | None, typer.Option(help="Write a .png picture of that; needs no screen.")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="The differences as JSON.")] = False,
+) -> None:
+    """Compare two calibrations of one rig: aligned, with each difference beside its sigma.
+
+    Example: rig compare monday.mcap friday.mcap --save difference.rrd
+    """
+    a, b = read_rig(first), read_rig(second)
+    found = compare_rigs(a, b)
+    if as_json:
+        print(json.dumps(comparison_values(found), indent=2))
+    else:
+        _print(found)
+    if web or save or screenshot:
+        rerun_show.show(_shown(a, b, found), save, web, screenshot)
+
+
+def comparison_values(found: Comparison) -> dict:
+    """The differences for programs, B minus A in A's frame."""
+    return {
+        "cameras": {one.name: _values(one) for one in found.cameras},
+        "a_from_b": found.first_from_second.matrix().tolist(),
+        "only_a": list(found.only_first),
+        "only_b": list(found.only_second),
+        "chance": _number(found.chance),
+    }
+
+
+def summary(found: Comparison) -> list[str]:
+    """What the comparison says, in sentences."""
+    sentences = []
+    if found.chance < _UNLIKELY:
+        worst = max(found.cameras, key=lambda one: one.sigmas)
+        sentences.append(
+            f"The rigs differ by more than their sigmas allow, most at {worst.name} ({worst.sigmas:.1f} sigmas)."
+        )
+    else:
+        sentences.append("The rigs agree within their sigmas.")
+    for which, names in (("first", found.only_first), ("second", found.only_second)):
+        if names:
+            sentences.append(f"Only in the {which}: {', '.join(names)}.")
+    return sentences
+
+
+def _print(found: Comparison) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(title="second minus first, in the first's frame", title_justify="left")
+    for column in ("camera", "focal px", "position", "turn degrees", "sigmas"):
+        table.add_column(column, justify="left" if column == "camera" else "right")
+    for one in found.cameras:
+        table.add_row(
+            one.name,
+            f"{one.focal:+.2f} ± {one.focal_sigma:.2f}",
+            f"{length(one.shift)} ± {length(one.shift_sigma)}",
+            f"{np.degrees(one.turn):.4f} ± {np.degrees(one.turn_sigma):.4f}",
+            f"{one.sigmas:.1f}",
+            style="bold red" if one.chance < _UNLIKELY else None,
+        )
+    console = Console()
+    console.print(table)
+    console.print("\n".join(summary(found)), markup=False, highlight=False)
+
+
+def _values(one: CameraDifference) -> dict:
+    figures = {
+        "focal_px": one.focal,
+        "focal_sigma_px": one.focal_sigma,
+        "shift_mm": 1e3 * one.shift,
+        "shift_sigma_mm": 1e3 * one.shift_sigma,
+        "turn_deg": np.degrees(one.turn),
+        "turn_sigma_deg": np.degrees(one.turn_sigma),
+        "sigmas": one.sigmas,
+        "chance": one.chance,
+    }
+    return {name: _number(figure) for name, figure in figures.items()}
+
+
+def _number(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None
+
+
+def _shown(first: Rig, second: Rig, found: Comparison) -> rerun_show.Shown:
+    from quadrig.io.viewer.comparison import comparison_blueprint, log_comparison
+
+    return rerun_show.Shown(
+        comparison_blueprint(first),
+        lambda stream, one_look: log_comparison(stream, first, second, found, summary(found)),
+    )

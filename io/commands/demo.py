@@ -1,0 +1,126 @@
+"""`rig demo`: a rendered room into a recording, through the very path of `rig calibrate`, and beside the truth."""
+
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+from rich.table import Table
+
+from quadrig.io.commands.calibrate import result_values
+from quadrig.io.config.rig_toml import read_config, write_config
+from quadrig.io.demo.rendered_recording import (
+    Comparison,
+    all_within,
+    compare_with_truth,
+    demo_config,
+    write_demo_recording,
+)
+from quadrig.io.demo.scene import Scene, demo_scene
+from quadrig.io.report.table import console, millimetres, print_rig, with_sigma
+from quadrig.io.rig_file.rig_mcap import read_rig_file, write_rig
+from quadrig.io.search.whole_recording import Effort, refuse_missing, search_recording
+from quadrig.rig.calibration import calibrate
+from quadrig.rig.result import Rig
+from quadrig.single.errors import QuadrigError
+
+
+def demo(
+    output: Annotated[Path, typer.Option("--output", "-o", help="The folder to write to.")] = Path("rig-demo"),
+    framesets: Annotated[int, typer.Option(min=4, help="How many instants are recorded.")] = 24,
+    workers: Annotated[int | None, typer.Option(min=1, help="Worker processes; else one a processor.")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="The result as JSON, for programs.")] = False,
+) -> None:
+    """Render a room with four distorted cameras, calibrate them, and compare with the truth.
+
+    Leaves a folder with the recording, its rig.toml, the result rig.mcap, and demo.rrd to open in rerun.
+
+    Example: rig demo -o rig-demo
+    """
+    began = time.monotonic()
+    try:
+        output.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise QuadrigError(f"{output}: cannot be made a folder ({error.strerror}); choose another place") from error
+    scene = demo_scene(framesets)
+    recording, described = output / "recording.mcap", output / "rig.toml"
+    write_demo_recording(recording, scene, workers)
+    write_config(demo_config(scene), described)
+    rig = _calibrate(recording, described, output / "rig.mcap", workers)
+    from quadrig.io.commands.inspect import save_rrd
+
+    save_rrd(output / "demo.rrd", read_rig_file(output / "rig.mcap"), [recording])
+    written = [recording, described, output / "rig.mcap", output / "demo.rrd"]
+    _show(rig, scene, written, as_json)
+    print(f"{time.monotonic() - began:.0f} s in all", file=sys.stderr)
+
+
+def _calibrate(recording: Path, described: Path, result: Path, workers: int | None) -> Rig:
+    config = read_config(described)
+    searched = search_recording([recording], config, Effort(workers=workers))
+    rig = calibrate(searched.cameras, config.rectangles, searched.views, config.reference)
+    refuse_missing(rig)
+    write_rig(result, rig, config.text, searched.times)
+    return rig
+
+
+def _show(rig: Rig, scene: Scene, written: Sequence[Path], as_json: bool) -> None:
+    compared = compare_with_truth(rig, scene)
+    if as_json:
+        import json
+
+        values = result_values(rig) | {"truth": {one.camera: _truth_values(one) for one in compared}}
+        print(json.dumps(values, indent=2))
+        return
+    where = console()
+    print_rig(rig, where)
+    where.print("\n[bold]beside the truth[/]")
+    where.print(_truth_table(rig, compared))
+    figures = 3 * len(compared)
+    held = sum(sum(one.within) for one in compared)
+    where.print(
+        f"the truth lies within the sigmas (99.7 %) in all {figures} figures"
+        if all_within(compared)
+        else f"the truth lies within the sigmas (99.7 %) in {held} of {figures} figures"
+    )
+    where.print("\nwritten: " + ", ".join(str(path) for path in written))
+
+
+def _truth_values(one: Comparison) -> dict[str, object]:
+    return {
+        "focal_px": one.focal_truth,
+        "position_error_m": one.position_error,
+        "rotation_error_deg": float(np.degrees(one.rotation_error)),
+        "within_sigma": dict(zip(("focal", "position", "rotation"), one.within, strict=True)),
+    }
+
+
+def _truth_table(rig: Rig, compared: Sequence[Comparison]) -> Table:
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    table.add_column("camera", no_wrap=True)
+    headings = ("focal px", "truth", "position off", "± sigma", "rotation off", "± sigma", "truth within sigma")
+    for heading in headings:
+        table.add_column(heading, justify="right", no_wrap=True)
+    for one in compared:
+        stands = one.camera == rig.reference
+        pose = (
+            ["rig frame", "", "", ""]
+            if stands
+            else [
+                millimetres(one.position_error),
+                millimetres(one.position_sigma),
+                f"{np.degrees(one.rotation_error):.4f} deg",
+                f"{np.degrees(one.rotation_sigma):.4f} deg",
+            ]
+        )
+        focal = with_sigma(one.focal, one.focal_sigma)
+        table.add_row(one.camera, focal, f"{one.focal_truth:.2f}", *pose, _verdict(one))
+    return table
+
+
+def _verdict(one: Comparison) -> str:
+    outside = [n for n, w in zip(("focal", "position", "rotation"), one.within, strict=True) if not w]
+    return "not " + ", ".join(outside) if outside else "yes"

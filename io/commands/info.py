@@ -1,0 +1,147 @@
+"""`rig info`: what a recording holds, which topics are cameras, what would be used."""
+
+import json
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from quadrig.io.recording.framesets import CameraReport, Framesets, build_framesets
+from quadrig.io.recording.mcap_reader import index_mcap, is_mcap
+from quadrig.io.recording.recorded_cameras import RecordedCamera, Recording, open_recording
+from quadrig.single.errors import QuadrigError
+
+
+def info(
+    recording: Annotated[list[Path], typer.Argument(help="MCAP files, videos or folders.", metavar="RECORDING...")],
+    tolerance: Annotated[float | None, typer.Option(help="Most that stamps of one instant differ, seconds.")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="For programs.")] = False,
+) -> None:
+    """Say what is in a recording, which topics are cameras and what would be used; or what a rig.mcap holds.
+
+    Images are grouped by the time of their recording here, which is quick; calibrate goes by their own stamps.
+
+    Example: rig info room.mcap
+    """
+    try:
+        opened = open_recording(recording)
+    except QuadrigError:
+        if len(recording) == 1 and _is_rig(recording[0]):
+            _print_rig(recording[0], as_json)
+            return
+        raise
+    framesets = build_framesets(opened, tolerance, quick=True)
+    if as_json:
+        print(json.dumps(_as_json(opened, framesets), indent=2))
+        return
+    _print(opened, framesets)
+
+
+def _is_rig(path: Path) -> bool:
+    from quadrig.io.rig_file.rig_mcap import RIG_TOPIC
+
+    return path.is_file() and is_mcap(path) and any(one.topic == RIG_TOPIC for one in index_mcap(path).topics)
+
+
+def _print_rig(path: Path, as_json: bool) -> None:
+    from quadrig.io.rig_file.rig_mcap import read_rig
+
+    rig = read_rig(path)
+    if as_json:
+        from quadrig.io.export.values import rig_values
+
+        print(json.dumps(rig_values(rig), indent=2))
+        return
+    from quadrig.io.report.table import print_rig
+
+    print_rig(rig)
+
+
+def _as_json(recording: Recording, framesets: Framesets) -> dict[str, Any]:
+    reports = {report.camera: report for report in framesets.report}
+    return {
+        "paths": [str(path) for path in recording.paths],
+        "indexed": recording.indexed,
+        "seconds": _seconds(framesets),
+        "cameras": {camera.name: _camera_json(camera, reports[camera.name]) for camera in recording.cameras},
+        "framesets": {
+            "count": len(framesets),
+            "tolerance_s": framesets.tolerance,
+            "shared": int(sum(framesets.sizes() > 1)),
+            "complete": int(sum(framesets.sizes() == len(framesets.cameras))),
+        },
+        "other_topics": [
+            {"topic": topic, "schema": schema, "messages": count} for topic, schema, count in recording.other_topics
+        ],
+        "notes": list(recording.notes),
+    }
+
+
+def _camera_json(camera: RecordedCamera, report: CameraReport) -> dict[str, Any]:
+    prior = camera.prior
+    return {
+        "topic": camera.topic,
+        "encoding": camera.encoding,
+        "width": camera.width,
+        "height": camera.height,
+        "frames": camera.frames,
+        "rate_hz": _rate(camera),
+        "used": report.used,
+        "dropped": report.dropped,
+        "median_offset_s": None if report.used == 0 else report.offset,
+        "prior_focal_px": None if prior is None else prior.focal,
+    }
+
+
+# Column headings, and which are numbers, to be read from the right.
+_HEADINGS = ("camera", "images", "Hz", "used", "dropped", "offset ms", "size", "stored as", "lens given", "from")
+_NUMBERS = range(1, 7)
+
+
+def _print(recording: Recording, framesets: Framesets) -> None:
+    rows = [_HEADINGS]
+    for camera, report in zip(recording.cameras, framesets.report, strict=True):
+        rate = _rate(camera)
+        rows.append(
+            (
+                camera.name,
+                str(camera.frames),
+                "" if rate is None else f"{rate:.2f}",
+                str(report.used),
+                str(report.dropped),
+                "" if report.used == 0 else f"{1e3 * report.offset:.1f}",
+                f"{camera.width}x{camera.height}",
+                camera.encoding,
+                "no" if camera.prior is None else f"f {camera.prior.focal:.1f} px",
+                camera.topic,
+            )
+        )
+    # Not rich's table: loading it would take as long as reading the recording.
+    widths = [max(len(row[k]) for row in rows) for k in range(len(_HEADINGS))]
+    for row in rows:
+        cells = (
+            word.rjust(width) if k in _NUMBERS else word.ljust(width)
+            for k, (word, width) in enumerate(zip(row, widths, strict=True))
+        )
+        print("  ".join(cells).rstrip())
+    sizes, whole = framesets.sizes(), len(framesets.cameras)
+    print(
+        f"{len(framesets)} framesets over {_seconds(framesets):.1f} s, "
+        f"{sum(sizes == whole)} with all {whole} cameras, {sum(sizes > 1)} with more than one; "
+        f"stamps within {1e3 * framesets.tolerance:.1f} ms"
+    )
+    for topic, schema, count in recording.other_topics:
+        print(f"not used: {topic} ({schema}, {count} messages)")
+    for note in recording.notes:
+        print(f"note: {note}")
+
+
+def _rate(camera: RecordedCamera) -> float | None:
+    """Images a second; None where their times say nothing."""
+    stamps = camera.source.quick_stamps()
+    span = (int(stamps.max()) - int(stamps.min())) / 1e9 if len(stamps) else 0.0
+    return (len(stamps) - 1) / span if span > 0 else None
+
+
+def _seconds(framesets: Framesets) -> float:
+    return float(framesets.times[-1] - framesets.times[0]) / 1e9 if len(framesets) else 0.0

@@ -1,0 +1,249 @@
+"""`rig setup`: calibrate live cameras, coached."""
+
+import json
+import re
+import select
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from quadrig.io.config.rig_toml import RigConfig, read_config
+from quadrig.io.live.session import Screen, SetupPlan, SetupResult, SetupSession
+from quadrig.io.live.source_readers import SourceSpec, parse_source
+from quadrig.io.live.sources import Pace
+from quadrig.io.rig_file.rig_mcap import write_rig
+from quadrig.rig.coach.advice import good_for
+from quadrig.rig.words import millimetres
+from quadrig.single.errors import QuadrigError
+
+_UNITS = {"": 1.0, "m": 1.0, "cm": 0.01, "mm": 0.001, "um": 1e-6, "µm": 1e-6}
+
+
+def setup(
+    sources: Annotated[
+        list[str] | None,
+        typer.Argument(
+            help="Cameras: a number, /dev/video0, rtsp://..., http://..., a video, a folder of pictures or "
+            "watch:FOLDER; NAME=SOURCE gives a name. Those of rig.toml where none is given.",
+            metavar="[NAME=]SOURCE...",
+        ),
+    ] = None,
+    config: Annotated[Path, typer.Option(help="The rig.toml with the rectangles.")] = Path("rig.toml"),
+    output: Annotated[Path, typer.Option("--output", "-o", help="The rig to write.")] = Path("rig.mcap"),
+    until: Annotated[str, typer.Option(help="Stop at this accuracy, such as 1mm.", metavar="LENGTH")] = "",
+    resume: Annotated[bool, typer.Option("--resume", help="Go on from the recording that is there.")] = False,
+    overwrite: Annotated[
+        bool, typer.Option("--overwrite", help="Begin anew over a recording that is there.")
+    ] = False,
+    web: Annotated[bool, typer.Option("--web", help="Show it in a browser, at 127.0.0.1.")] = False,
+    no_viewer: Annotated[bool, typer.Option("--no-viewer", help="Show it on the terminal only.")] = False,
+    save: Annotated[Path | None, typer.Option(help="Write what the viewer shows to an .rrd instead.")] = None,
+    fast: Annotated[bool, typer.Option("--fast", help="Play files as fast as they can be searched.")] = False,
+    tolerance: Annotated[
+        float | None, typer.Option(help="Seconds between frames of one instant; from the rates where not given.")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Say the result as JSON.")] = False,
+) -> None:
+    """Calibrate live cameras, coached: hold the sheet where it says until it says it is good.
+
+    Stops at the accuracy of --until, on Enter, on Ctrl-C, or when every source has ended. Leaves the recording
+    (OUTPUT-recording.mcap, written as it goes), the rig, and a report of it (OUTPUT.html).
+
+    Examples: rig setup --until 1mm; rig setup left=0 right=1 -o desk.mcap;
+    rig setup http://127.0.0.1:8080/video cam1.mp4 --no-viewer
+    """
+    wanted = length(until) if until else None
+    rig_config = read_config(config)
+    cameras = chosen_sources(sources or [], rig_config, config.parent)
+    recording, earlier = _recordings(output, resume, overwrite)
+    pace: Pace = "consumed" if fast else "real time"
+    plan = SetupPlan(rig_config, cameras, recording, wanted, pace, earlier, tolerance)
+    result = _run(plan, web, no_viewer, save)
+    if result.rig is None:
+        raise QuadrigError(f"{result.trouble}; the recording is {plan.recording}, and --resume goes on from it")
+    write_rig(output, result.rig, rig_config.text)
+    _write_report(output)
+    print(_as_json(result, output, plan) if as_json else _as_text(result, output, plan))
+
+
+def _write_report(output: Path) -> None:
+    """The page that tells a person what the rig is good for, beside it."""
+    from quadrig.io.report.page import report_html
+    from quadrig.io.rig_file.rig_mcap import read_rig_file
+    from quadrig.io.whole_file import write_text
+
+    write_text(output.with_suffix(".html"), report_html(read_rig_file(output)))
+
+
+def length(text: str) -> float:
+    """Metres of "1mm", "0.5 cm", "0.001". Raises QuadrigError where it is no length."""
+    match = re.fullmatch(r"\s*([0-9]*\.?[0-9]+(?:e-?[0-9]+)?)\s*([a-zµ]*)\s*", text)
+    if match is None or match[2] not in _UNITS or float(match[1]) <= 0:
+        raise QuadrigError(f"{text!r} is no length; give one such as 1mm, 0.5mm or 2cm")
+    return float(match[1]) * _UNITS[match[2]]
+
+
+def chosen_sources(texts: list[str], config: RigConfig, folder: Path) -> dict[str, SourceSpec]:
+    """Sources by camera name: those of the command line, else those of rig.toml, whose paths begin at `folder`.
+
+    Raises QuadrigError where there is none, or two of one name.
+    """
+    if not texts:
+        given = {c.name: parse_source(c.source, folder) for c in config.cameras if c.source is not None}
+        if not given:
+            raise QuadrigError(
+                "no cameras: name sources (rig setup 0 1), or give each [[camera]] of rig.toml a source"
+            )
+        return given
+    sources: dict[str, SourceSpec] = {}
+    for index, text in enumerate(texts):
+        name, source = _named(text, index)
+        if name in sources:
+            raise QuadrigError(f"two sources are called {name!r}; name them with NAME=SOURCE")
+        sources[name] = parse_source(source)
+    return sources
+
+
+def _named(text: str, index: int) -> tuple[str, str]:
+    """A name and a source; the name of a file or folder is its own, of anything else cam and its place."""
+    match = re.fullmatch(r"([A-Za-z0-9_.-]+)=(.+)", text)
+    if match is not None:
+        return match[1], match[2]
+    path = Path(text.removeprefix("watch:"))
+    if "://" not in text and not text.startswith("/dev/") and path.exists():
+        return path.stem, text
+    return f"cam{index}", text
+
+
+def _recordings(output: Path, resume: bool, overwrite: bool) -> tuple[Path, tuple[Path, ...]]:
+    """The recording to write, and those to go on from. Raises QuadrigError where one would be lost."""
+    first = output.with_name(f"{output.stem}-recording.mcap")
+    parts = sorted(output.parent.glob(f"{output.stem}-recording-[0-9]*.mcap"), key=_part)
+    earlier = tuple(path for path in (first, *parts) if path.exists())
+    if resume:
+        if not earlier:
+            raise QuadrigError(f"{first}: there is no recording to go on from; leave --resume out")
+        return output.with_name(f"{output.stem}-recording-{_part(earlier[-1]) + 1}.mcap"), earlier
+    if earlier and not overwrite:
+        raise QuadrigError(
+            f"{earlier[0]} is there already; go on from it with --resume, or begin anew with --overwrite"
+        )
+    for path in earlier:
+        path.unlink()
+    return first, ()
+
+
+def _part(path: Path) -> int:
+    """The number of a part of a recording; the first has none."""
+    number = path.stem.rsplit("-", 1)[-1]
+    return int(number) if number.isdigit() else 1
+
+
+def _run(plan: SetupPlan, web: bool, no_viewer: bool, save: Path | None) -> SetupResult:
+    screens, viewer = _screens(plan, web, no_viewer, save)
+    session = SetupSession(plan, screens, _enter_pressed())
+    try:
+        return session.run()
+    finally:
+        for screen in screens:
+            screen.close()
+        if viewer is not None:
+            viewer.close()
+
+
+def _screens(plan: SetupPlan, web: bool, no_viewer: bool, save: Path | None):
+    """The terminal, and beside it a viewer where there is one; a window that cannot open is said, not fatal."""
+    from quadrig.io.live.terminal import PlainScreen, TerminalScreen
+
+    screens: list[Screen] = []
+    viewer = None
+    if save is not None or not no_viewer:
+        from quadrig.io.viewer.live import RerunScreen
+        from quadrig.io.viewer.process import Viewer
+
+        try:
+            if save is None:
+                viewer = Viewer(web)
+                if viewer.page:
+                    print(f"look at {viewer.page}", file=sys.stderr)
+            screens.append(RerunScreen(tuple(plan.sources), plan.config.rectangles, viewer, save))
+        except QuadrigError as error:
+            if web:
+                raise
+            print(f"rig: {error}", file=sys.stderr)
+    screens.append(TerminalScreen() if sys.stderr.isatty() else PlainScreen())
+    return screens, viewer
+
+
+def _enter_pressed() -> Callable[[], str]:
+    """Asks, without waiting, whether somebody pressed Enter; the end of a pipe is no Enter."""
+    open_ = [not sys.stdin.closed]
+
+    def pressed() -> str:
+        if not open_[0]:
+            return ""
+        try:
+            ready, _, _ = select.select([sys.stdin], [], [], 0)
+            line = sys.stdin.readline() if ready else None
+        except (OSError, ValueError):
+            line = ""
+        if line == "":
+            open_[0] = False
+        return "Enter was pressed" if line else ""
+
+    return pressed
+
+
+def _as_text(result: SetupResult, output: Path, plan: SetupPlan) -> str:
+    rig = result.rig
+    assert rig is not None
+    lines = [f"{good_for(rig)}: {result.kept} framesets kept of {result.framesets}, {result.ending}"]
+    for camera in rig.cameras:
+        sigma = rig.position_sigma(camera.name)
+        place = f"place ± {millimetres(sigma)}" if sigma > 0 else "the reference"
+        lines.append(
+            f"{camera.name}: focal {camera.intrinsics.focal:.1f} ± {rig.focal_sigma(camera.name):.1f} px, {place}, "
+            f"{camera.views} Views, rms {camera.rms:.2f} px"
+        )
+    lines += list(_missing(result, plan).values())
+    if result.fault is not None:
+        lines.append(result.fault.sentence)
+    if result.dropped:
+        lines.append(f"{result.dropped} frames were not recorded: the disk could not keep up")
+    return "\n".join([*lines, f"{output}", f"{output.with_suffix('.html')}", f"{plan.recording}"])
+
+
+def _missing(result: SetupResult, plan: SetupPlan) -> dict[str, str]:
+    """A sentence for each camera that is not in the rig, those that never gave a picture among them."""
+    came = {camera.name for camera in result.cameras}
+    blind = {name: f"{name} gave no picture; look at its source" for name in plan.sources if name not in came}
+    return {**(result.rig.missing if result.rig else {}), **blind}
+
+
+def _as_json(result: SetupResult, output: Path, plan: SetupPlan) -> str:
+    rig = result.rig
+    assert rig is not None
+    latencies = sorted(result.latencies)
+    return json.dumps(
+        {
+            "working_accuracy_mm": 1000 * rig.working_accuracy,
+            "cameras": [camera.name for camera in rig.cameras],
+            "missing": _missing(result, plan),
+            "fault": result.fault.sentence if result.fault else None,
+            "framesets": result.framesets,
+            "kept": result.kept,
+            "seconds": result.seconds,
+            "framesets_per_second": result.framesets / max(result.seconds, 1e-9),
+            "latency_ms": 1000 * latencies[len(latencies) // 2] if latencies else None,
+            "latency_95_ms": 1000 * latencies[int(0.95 * len(latencies))] if latencies else None,
+            "ending": result.ending,
+            "dropped": result.dropped,
+            "rig": str(output),
+            "report": str(output.with_suffix(".html")),
+            "recording": str(plan.recording),
+        },
+        indent=2,
+    )

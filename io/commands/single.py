@@ -1,0 +1,237 @@
+"""`rig single`: focal and pose of one camera from one picture of one rectangle."""
+
+from pathlib import Path
+from typing import Annotated
+
+import cv2
+import numpy as np
+import typer
+
+from quadrig.io.report.single import json_report, text_report
+from quadrig.single.calibration import Distortion, calibrate_view
+from quadrig.single.detect.image_search import detect
+from quadrig.single.errors import QuadrigError
+from quadrig.single.marking import CharucoMarking, ChessboardMarking, Marking, PlainMarking, PointsMarking, TagMarking
+from quadrig.single.rectangle import PAPER_SIZES, Rectangle
+from quadrig.single.rotation import Array
+from quadrig.single.solve.corners import in_turn
+from quadrig.single.view import View
+
+# Standard deviation (px) of a corner that a person pointed at.
+_POINTED = 0.5
+
+
+def single(
+    image: Annotated[Path, typer.Argument(help="The picture: JPEG, PNG or whatever OpenCV reads.", metavar="IMAGE")],
+    width: Annotated[float | None, typer.Option(help="Width of the rectangle, metres.")] = None,
+    height: Annotated[float | None, typer.Option(help="Height of the rectangle, metres.")] = None,
+    paper: Annotated[
+        str | None, typer.Option(help=f"A sheet of known size, lying across: {', '.join(PAPER_SIZES)}.")
+    ] = None,
+    portrait: Annotated[bool, typer.Option("--portrait", help="The paper stands upright.")] = False,
+    corners: Annotated[
+        tuple[str, str, str, str] | None,
+        typer.Option(
+            help="The corners as x,y pixels: bottom right, bottom left, top left, top right of the upright sheet.",
+            metavar="X,Y X,Y X,Y X,Y",
+        ),
+    ] = None,
+    tag: Annotated[str | None, typer.Option(help="A tag, as DICTIONARY:ID; --width is its outer edge.")] = None,
+    charuco: Annotated[
+        str | None,
+        typer.Option(help="A ChArUco board, as COLUMNSxROWS:SQUARE:MARKER:DICTIONARY[:legacy][:inverted], metres."),
+    ] = None,
+    chessboard: Annotated[
+        str | None, typer.Option(help="A chessboard, as COLUMNSxROWS:SQUARE, squares and metres.")
+    ] = None,
+    plain: Annotated[bool, typer.Option("--plain", help="A blank sheet: the default where nothing is said.")] = False,
+    focal: Annotated[float | None, typer.Option(help="The focal where it is known, px.")] = None,
+    principal_point: Annotated[
+        str | None, typer.Option(help="The principal point where it is known, as x,y; else the middle.")
+    ] = None,
+    principal_point_sigma: Annotated[
+        float | None,
+        typer.Option(help="How well it is known, px; 0 where it is given, else 2 % of the longer side."),
+    ] = None,
+    distortion: Annotated[
+        Distortion, typer.Option(help="Lens distortion: none, k1, 'k1 k2', or auto: as far as the points show it.")
+    ] = "auto",
+    distortion_sigma: Annotated[
+        float | None,
+        typer.Option(min=0.0, help="Standard deviation of k1 about 0; else 0.05 where few points cannot show it."),
+    ] = None,
+    sigma: Annotated[float | None, typer.Option(help="Standard deviation of a corner, px; else as detected.")] = None,
+    save: Annotated[Path | None, typer.Option(help="Write what was found as a rerun file, .rrd.")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="The result as JSON.")] = False,
+) -> None:
+    """Focal and pose of a camera from one picture of a rectangle of known size, with what limits them.
+
+    A photograph's own turn (EXIF) is applied first: corners are pixels of the picture as one sees it.
+
+    Examples: rig single desk.jpg --paper A4;
+    rig single desk.jpg --tag apriltag_36h11:7 --width 0.16;
+    rig single desk.jpg --paper A4 --corners 1830,1220 310,1190 420,260 1710,240
+    """
+    picture = read_picture(image)
+    size = _size(width, height, paper, portrait)
+    rectangle = _rectangle(size, _marking(corners, tag, charuco, chessboard, plain))
+    said: list[str] = []
+    if corners is None:
+        view = _found(picture, rectangle, image)
+    else:
+        turned, changed = in_turn(np.array([_point(text, "--corners") for text in corners]))
+        view = View(rectangle.name, rectangle.corners, turned, sigma=_POINTED)
+        if changed:
+            said.append("the corners turn the wrong way round: they were read as with y upwards, last to first")
+    if sigma is not None:
+        if not sigma > 0:
+            raise QuadrigError(f"--sigma {sigma}: give a standard deviation above zero, in pixels")
+        view = View(view.rectangle, view.points, view.pixels, alternatives=view.alternatives, sigma=sigma)
+    calibration = calibrate_view(
+        view,
+        (picture.shape[1], picture.shape[0]),
+        focal=focal,
+        principal_point=None if principal_point is None else np.array(_point(principal_point, "--principal-point")),
+        principal_point_sigma=principal_point_sigma,
+        distortion=distortion,
+        distortion_sigma=distortion_sigma,
+    )
+    if save is not None:
+        from quadrig.io.viewer.single import save_calibration
+
+        save_calibration(save, picture, rectangle, view, calibration)
+    report = json_report if as_json else text_report
+    print(report(image.name, rectangle, view, calibration, said))
+
+
+def read_picture(path: Path) -> Array:
+    """The picture (h, w, 3) uint8, blue green red, turned as its EXIF says. Raises QuadrigError where it is none."""
+    if not path.is_file():
+        raise QuadrigError(f"{path} is not there; give a picture")
+    picture = (
+        cv2.imdecode(np.frombuffer(path.read_bytes(), np.uint8), cv2.IMREAD_COLOR) if path.stat().st_size else None
+    )
+    if picture is None:
+        raise QuadrigError(f"{path} is not a picture that can be read; give a JPEG or PNG")
+    return picture
+
+
+def _size(width: float | None, height: float | None, paper: str | None, portrait: bool) -> tuple[float, float] | None:
+    if paper is None:
+        if width is None and height is None:
+            return None
+        # One side alone is a square's.
+        width, height = height if width is None else width, width if height is None else height
+        return float(width or 0), float(height or 0)
+    if width is not None or height is not None:
+        raise QuadrigError("--paper and --width or --height say the same thing; give one of them")
+    names = {name.lower(): size for name, size in PAPER_SIZES.items()}
+    if paper.lower() not in names:
+        raise QuadrigError(f"--paper {paper}: no such paper; choose one of {', '.join(PAPER_SIZES)}")
+    across, down = names[paper.lower()]
+    return (down, across) if portrait else (across, down)
+
+
+def _marking(
+    corners: tuple[str, ...] | None, tag: str | None, charuco: str | None, chessboard: str | None, plain: bool
+) -> Marking:
+    given = [
+        name
+        for name, value in (
+            ("--corners", corners),
+            ("--tag", tag),
+            ("--charuco", charuco),
+            ("--chessboard", chessboard),
+            ("--plain", plain or None),
+        )
+        if value is not None
+    ]
+    if len(given) > 1:
+        raise QuadrigError(f"{' and '.join(given)} are different markings; give one")
+    if corners is not None:
+        return PointsMarking()
+    if tag is not None:
+        dictionary, _, number = tag.rpartition(":")
+        if not dictionary or not number.isdigit():
+            raise QuadrigError(f"--tag {tag}: give DICTIONARY:ID, such as apriltag_36h11:7")
+        return TagMarking(dictionary, int(number))
+    if charuco is not None:
+        return _charuco(charuco)
+    if chessboard is not None:
+        parts = chessboard.split(":")
+        if len(parts) != 2:
+            raise QuadrigError(f"--chessboard {chessboard}: give COLUMNSxROWS:SQUARE, such as 9x6:0.025")
+        columns, rows = _grid(parts[0], "--chessboard")
+        return ChessboardMarking(columns, rows, _length(parts[1], "--chessboard"))
+    return PlainMarking()
+
+
+def _charuco(text: str) -> CharucoMarking:
+    parts = text.split(":")
+    options = set(parts[4:])
+    if len(parts) < 4 or not options <= {"legacy", "inverted"}:
+        raise QuadrigError(
+            f"--charuco {text}: give COLUMNSxROWS:SQUARE:MARKER:DICTIONARY, such as 5x7:0.03:0.022:aruco_4x4_50, "
+            "then :legacy or :inverted where the board is so"
+        )
+    columns, rows = _grid(parts[0], "--charuco")
+    square, marker = _length(parts[1], "--charuco"), _length(parts[2], "--charuco")
+    return CharucoMarking(columns, rows, square, marker, parts[3], "legacy" in options, "inverted" in options)
+
+
+def _grid(text: str, option: str) -> tuple[int, int]:
+    columns, _, rows = text.lower().partition("x")
+    if not (columns.isdigit() and rows.isdigit()):
+        raise QuadrigError(f"{option} {text}: give the squares as COLUMNSxROWS, such as 9x6")
+    return int(columns), int(rows)
+
+
+def _length(text: str, option: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = np.nan
+    if not (np.isfinite(value) and value > 0):
+        raise QuadrigError(f"{option}: {text!r} is not a length in metres; give a number above zero")
+    return value
+
+
+def _point(text: str, option: str) -> tuple[float, float]:
+    x, _, y = text.partition(",")
+    try:
+        point = float(x), float(y)
+    except ValueError:
+        raise QuadrigError(f"{option}: {text!r} is not a point; give x,y in pixels, such as 1830,1220") from None
+    if not np.isfinite(point).all():
+        raise QuadrigError(f"{option}: {text!r} is not a point of the picture; give x,y in pixels")
+    return point
+
+
+def _rectangle(size: tuple[float, float] | None, marking: Marking) -> Rectangle:
+    if isinstance(marking, CharucoMarking | ChessboardMarking):
+        own = marking.columns * marking.square, marking.rows * marking.square
+        if size is not None and not np.allclose(size, own, rtol=1e-6):
+            raise QuadrigError(
+                f"the board is {own[0]:g} x {own[1]:g} m by its squares, not {size[0]:g} x {size[1]:g} m; "
+                "leave --width and --height out"
+            )
+        return Rectangle("board", *own, marking)
+    if size is None:
+        raise QuadrigError("the rectangle has no size; give --width and --height in metres, or --paper A4")
+    name = "tag" if isinstance(marking, TagMarking) else "sheet"
+    return Rectangle(name, *size, marking)
+
+
+def _found(picture: Array, rectangle: Rectangle, path: Path) -> View:
+    views = detect(picture, [rectangle])
+    if not views:
+        sought = {
+            "tag": "the tag",
+            "charuco": "the ChArUco board",
+            "chessboard": "the chessboard",
+            "plain": "a blank sheet",
+        }[rectangle.marking.kind]
+        raise QuadrigError(
+            f"{path}: {sought} is not to be found; show it whole, sharp and flat, or give --corners by hand"
+        )
+    return views[0]

@@ -1,0 +1,403 @@
+"""rig.toml: what stands in the room. Read strictly, told plainly where it is wrong, written back."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated
+
+import msgspec
+import numpy as np
+
+from quadrig.io.config.errors import decode_error, locate
+from quadrig.io.whole_file import write_text
+from quadrig.rig.problem.camera_input import CameraInput, LensChoice
+from quadrig.single.detect.dictionaries import canonical_dictionary, check_tag_id
+from quadrig.single.errors import QuadrigError
+from quadrig.single.lens import Intrinsics, LensModel
+from quadrig.single.marking import CharucoMarking, ChessboardMarking, Marking, PlainMarking, PointsMarking, TagMarking
+from quadrig.single.pose import Pose
+from quadrig.single.rectangle import Rectangle
+from quadrig.single.rotation import rotation_from_angles, rotation_from_quaternion
+
+# Lengths measured twice, once as columns x square and once as the sheet's side, agree to a printer's rounding.
+_SIDE_TOLERANCE = 1e-3
+
+# A quaternion typed with four decimals is a unit one to this much; beyond it, a number is wrong.
+_UNIT_TOLERANCE = 1e-2
+
+Length = Annotated[float, msgspec.Meta(gt=0)]
+Squares = Annotated[int, msgspec.Meta(ge=2)]
+Name = Annotated[str, msgspec.Meta(min_length=1)]
+
+
+class _Table(msgspec.Struct, forbid_unknown_fields=True):
+    """A table of rig.toml: an unknown key is an error."""
+
+
+class _Tag(_Table, tag="tag", tag_field="kind"):
+    dictionary: str
+    id: Annotated[int, msgspec.Meta(ge=0)]
+
+
+class _Charuco(_Table, tag="charuco", tag_field="kind"):
+    columns: Squares
+    rows: Squares
+    square: Length
+    marker: Length
+    dictionary: str
+    legacy: bool = False
+    inverted: bool = False
+    first_id: Annotated[int, msgspec.Meta(ge=0)] = 0
+
+
+class _Chessboard(_Table, tag="chessboard", tag_field="kind"):
+    columns: Squares
+    rows: Squares
+    square: Length
+
+
+class _Plain(_Table, tag="plain", tag_field="kind"):
+    pass
+
+
+class _Points(_Table, tag="points", tag_field="kind"):
+    pass
+
+
+class _WorldPose(_Table):
+    translation: tuple[float, float, float]
+    angles_deg: tuple[float, float, float] | None = None
+    quaternion_xyzw: tuple[float, float, float, float] | None = None
+
+
+class _Rectangle(_Table):
+    name: Name
+    marking: _Tag | _Charuco | _Chessboard | _Plain | _Points
+    width: float | None = None
+    height: float | None = None
+    moving: bool = False
+    world_from_rect: _WorldPose | None = None
+
+
+class _Camera(_Table):
+    name: Name
+    topic: str | None = None
+    source: int | str | None = None
+    focal: Length | None = None
+    principal_point: tuple[float, float] | None = None
+    distortion: Annotated[list[float], msgspec.Meta(max_length=5)] | None = None
+    aspect: Length = 1.0
+    model: LensModel = "pinhole"
+    fixed: bool = False
+    lens: LensChoice = "auto"
+
+
+class _File(_Table):
+    rectangle: list[_Rectangle]
+    reference: str | None = None
+    camera: list[_Camera] = []
+
+
+@dataclass(frozen=True, eq=False)
+class CameraConfig:
+    """One [[camera]] of rig.toml.
+
+    topic: the recording's topic, None where the name says it. source: a device number, stream, video or folder for
+    rig record and rig setup. focal, principal_point (2,), distortion (5,): prior intrinsics in pixels, None where
+    not given; fixed: they are the truth and stay. lens: which parameters are estimated.
+    """
+
+    name: str
+    topic: str | None = None
+    source: int | str | None = None
+    focal: float | None = None
+    principal_point: tuple[float, float] | None = None
+    distortion: tuple[float, ...] = ()
+    aspect: float = 1.0
+    model: LensModel = "pinhole"
+    fixed: bool = False
+    lens: LensChoice = "auto"
+
+    def camera_input(self, width: int, height: int) -> CameraInput:
+        """What is known of this camera, its pictures being width x height pixels."""
+        lens: LensChoice = "fisheye" if self.model == "fisheye" and self.lens == "auto" else self.lens
+        intrinsics = None
+        if self.focal is not None:
+            centre = self.principal_point or ((width - 1) / 2, (height - 1) / 2)
+            distortion = np.zeros(5)
+            distortion[: len(self.distortion)] = self.distortion
+            intrinsics = Intrinsics(
+                width, height, self.focal, np.array(centre), distortion, aspect=self.aspect, model=self.model
+            )
+        return CameraInput(self.name, width, height, intrinsics, self.fixed, lens)
+
+
+@dataclass(frozen=True, eq=False)
+class RigConfig:
+    """A rig.toml: rectangles, what is known of cameras, and whose frame is the rig frame.
+
+    cameras is empty where every image topic of the recording is a camera. text: the file as it was written.
+    """
+
+    rectangles: tuple[Rectangle, ...]
+    cameras: tuple[CameraConfig, ...] = ()
+    reference: str | None = None
+    text: str = field(default="", repr=False)
+
+    def camera(self, name: str) -> CameraConfig | None:
+        """The [[camera]] of that name, None where there is none."""
+        return next((camera for camera in self.cameras if camera.name == name), None)
+
+    def camera_input(self, name: str, width: int, height: int) -> CameraInput:
+        """What is known of a camera of the recording, by its name and the size of its pictures."""
+        return (self.camera(name) or CameraConfig(name)).camera_input(width, height)
+
+
+def read_config(path: Path | str) -> RigConfig:
+    """The rig.toml at a path.
+
+    Raises QuadrigError, one sentence with file, line and key, where it cannot be read or says what it may not.
+    """
+    path = Path(path)
+    try:
+        text = path.read_text(encoding="utf-8")
+    except FileNotFoundError:
+        raise QuadrigError(
+            f"{path}: there is no such file; describe your rectangles in a rig.toml, or take one of examples/"
+        ) from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise QuadrigError(f"{path}: cannot be read as text ({error}); give a rig.toml") from error
+    return parse_config(text, str(path))
+
+
+def parse_config(text: str, name: str = "rig.toml") -> RigConfig:
+    """The rig.toml of a text; name: what errors call it. Raises QuadrigError as read_config does."""
+    try:
+        tables = msgspec.toml.decode(text, type=_File)
+    except msgspec.DecodeError as error:
+        raise decode_error(error, text, name, _File) from error
+    if not tables.rectangle:
+        raise QuadrigError(f"{name}: there is no [[rectangle]]; describe at least one that several cameras see")
+    rectangles = tuple(_rectangle(table, i, text, name) for i, table in enumerate(tables.rectangle))
+    cameras = tuple(_camera(table, i, text, name) for i, table in enumerate(tables.camera))
+    _check_unique("rectangle", [r.name for r in rectangles], text, name)
+    _check_unique("camera", [c.name for c in cameras], text, name)
+    _check_markings(rectangles, text, name)
+    _check_reference(tables.reference, rectangles, cameras, text, name)
+    return RigConfig(rectangles, cameras, tables.reference, text)
+
+
+def _rectangle(table: _Rectangle, index: int, text: str, name: str) -> Rectangle:
+    path = f"$.rectangle[{index}]"
+    width, height = (
+        _side(table, side, count, text, name, path) for side, count in (("width", "columns"), ("height", "rows"))
+    )
+    world = None
+    try:
+        world = None if table.world_from_rect is None else _world_pose(table.world_from_rect)
+        marking = _marking(table.marking)
+    except (ValueError, QuadrigError) as error:
+        key = "world_from_rect" if world is None and table.world_from_rect is not None else "marking"
+        raise QuadrigError(f"{locate(name, text, path, key)}: rectangle {table.name!r}: {error}") from error
+    try:
+        return Rectangle(table.name, width, height, marking, table.moving, world)
+    except QuadrigError as error:
+        side = "height" if np.isfinite(width) and width > 0 else "width"
+        raise QuadrigError(f"{locate(name, text, path, side)}: {error}") from error
+
+
+def _side(table: _Rectangle, side: str, count: str, text: str, name: str, path: str) -> float:
+    given: float | None = getattr(table, side)
+    if not isinstance(table.marking, _Charuco | _Chessboard):
+        if given is None:
+            raise QuadrigError(
+                f"{locate(name, text, path)}: rectangle {table.name!r} has no {side}; give it in metres, "
+                "outer edge of the marking"
+            )
+        return given
+    follows = getattr(table.marking, count) * table.marking.square
+    if given is not None and not abs(given - follows) <= _SIDE_TOLERANCE:
+        raise QuadrigError(
+            f"{locate(name, text, path, side)}: rectangle {table.name!r}: {side} is {given} m but {count} x square "
+            f"is {follows:g} m; leave {side} out or mend one of them"
+        )
+    return follows
+
+
+def _marking(table: _Tag | _Charuco | _Chessboard | _Plain | _Points) -> Marking:
+    match table:
+        case _Tag():
+            check_tag_id(table.dictionary, table.id, "its tag")
+            return TagMarking(canonical_dictionary(table.dictionary), table.id)
+        case _Charuco():
+            if table.marker >= table.square:
+                raise ValueError(
+                    f"marker is {table.marker} m and square {table.square} m; the tag must be smaller than its square"
+                )
+            return CharucoMarking(
+                table.columns,
+                table.rows,
+                table.square,
+                table.marker,
+                canonical_dictionary(table.dictionary),
+                table.legacy,
+                table.inverted,
+                table.first_id,
+            )
+        case _Chessboard():
+            return ChessboardMarking(table.columns, table.rows, table.square)
+        case _Plain():
+            return PlainMarking()
+        case _Points():
+            return PointsMarking()
+
+
+def _world_pose(table: _WorldPose) -> Pose:
+    if (table.angles_deg is None) == (table.quaternion_xyzw is None):
+        raise ValueError("world_from_rect needs translation and one of angles_deg and quaternion_xyzw")
+    if table.angles_deg is not None:
+        rotation = rotation_from_angles(*np.radians(table.angles_deg))
+    else:
+        quaternion = np.array(table.quaternion_xyzw, float)
+        if not abs(np.linalg.norm(quaternion) - 1) <= _UNIT_TOLERANCE:
+            raise ValueError(f"quaternion_xyzw has length {np.linalg.norm(quaternion):.3g}; a rotation has length 1")
+        rotation = rotation_from_quaternion(quaternion)
+    return Pose(rotation, np.array(table.translation, float))
+
+
+def _camera(table: _Camera, index: int, text: str, name: str) -> CameraConfig:
+    if table.focal is None and (table.fixed or table.principal_point or table.distortion):
+        raise QuadrigError(
+            f"{locate(name, text, f'$.camera[{index}]')}: camera {table.name!r} has prior intrinsics without focal; "
+            "give focal in pixels, or leave principal_point, distortion and fixed out"
+        )
+    return CameraConfig(
+        table.name,
+        table.topic,
+        table.source,
+        table.focal,
+        table.principal_point,
+        tuple(table.distortion or ()),
+        table.aspect,
+        table.model,
+        table.fixed,
+        table.lens,
+    )
+
+
+def _check_unique(kind: str, names: list[str], text: str, name: str) -> None:
+    for index, one in enumerate(names):
+        if one in names[:index]:
+            raise QuadrigError(
+                f"{locate(name, text, f'$.{kind}[{index}]', 'name')}: two {kind}s are called {one!r}; "
+                "give each a name of its own"
+            )
+
+
+def _check_markings(rectangles: tuple[Rectangle, ...], text: str, name: str) -> None:
+    seen: dict[tuple[str, int], str] = {}
+    for index, rectangle in enumerate(rectangles):
+        if not isinstance(rectangle.marking, TagMarking):
+            continue
+        key = (rectangle.marking.dictionary, rectangle.marking.id)
+        if key in seen:
+            raise QuadrigError(
+                f"{locate(name, text, f'$.rectangle[{index}]', 'marking')}: rectangles {seen[key]!r} and "
+                f"{rectangle.name!r} carry the same tag, {key[0]} id {key[1]}; print another id for one of them"
+            )
+        seen[key] = rectangle.name
+
+
+def _check_reference(
+    reference: str | None,
+    rectangles: tuple[Rectangle, ...],
+    cameras: tuple[CameraConfig, ...],
+    text: str,
+    name: str,
+) -> None:
+    rectangle = next((r for r in rectangles if r.name == reference), None)
+    if reference is None or any(c.name == reference for c in cameras):
+        return
+    if rectangle is None and cameras:
+        known = ", ".join([*(c.name for c in cameras), *(r.name for r in rectangles if not r.moving)])
+        raise QuadrigError(
+            f"{locate(name, text, '$', 'reference')}: reference is {reference!r}, which is neither a camera nor a "
+            f"rectangle here; choose one of {known}"
+        )
+    if rectangle is not None and rectangle.moving:
+        raise QuadrigError(
+            f"{locate(name, text, '$', 'reference')}: reference is {reference!r}, which moves; choose a camera or a "
+            "rectangle that stands still"
+        )
+
+
+def write_config(config: RigConfig, path: Path | str) -> None:
+    """Write a rig.toml, whole or not at all. Raises QuadrigError where it cannot be written."""
+    write_text(path, config_text(config))
+
+
+def config_text(config: RigConfig) -> str:
+    """The rig.toml of a config, which parse_config reads back to the same values."""
+    tables = [
+        "\n".join(["[[rectangle]]", *(_line(k, v) for k, v in _rectangle_values(rectangle).items())])
+        for rectangle in config.rectangles
+    ]
+    for camera in config.cameras:
+        values = msgspec.structs.asdict(_camera_table(camera))
+        defaults = msgspec.structs.asdict(_Camera(name=""))
+        kept = {k: v for k, v in values.items() if v is not None and v != defaults[k]}
+        tables.append("\n".join(["[[camera]]", *(_line(k, v) for k, v in kept.items())]))
+    head = [] if config.reference is None else [_line("reference", config.reference)]
+    return "\n\n".join([*head, *tables]) + "\n"
+
+
+def _rectangle_values(rectangle: Rectangle) -> dict[str, object]:
+    marking = {"kind": rectangle.marking.kind} | {
+        key: value
+        for key, value in msgspec.to_builtins(rectangle.marking).items()
+        if key == "id" or (key != "kind" and value not in (False, 0))
+    }
+    values: dict[str, object] = {"name": rectangle.name}
+    if not isinstance(rectangle.marking, CharucoMarking | ChessboardMarking):
+        values |= {"width": rectangle.width, "height": rectangle.height}
+    if rectangle.moving:
+        values["moving"] = True
+    values["marking"] = marking
+    if rectangle.world_from_rect is not None:
+        values["world_from_rect"] = {
+            "translation": rectangle.world_from_rect.translation.tolist(),
+            "quaternion_xyzw": rectangle.world_from_rect.quaternion().tolist(),
+        }
+    return values
+
+
+def _camera_table(camera: CameraConfig) -> _Camera:
+    return _Camera(
+        name=camera.name,
+        topic=camera.topic,
+        source=camera.source,
+        focal=camera.focal,
+        principal_point=camera.principal_point,
+        distortion=list(camera.distortion) or None,
+        aspect=camera.aspect,
+        model=camera.model,
+        fixed=camera.fixed,
+        lens=camera.lens,
+    )
+
+
+def _line(key: str, value: object) -> str:
+    return f"{key} = {_toml(value)}"
+
+
+def _toml(value: object) -> str:
+    match value:
+        case bool():
+            return "true" if value else "false"
+        case str():
+            return msgspec.json.encode(value).decode()
+        case dict():
+            return "{ " + ", ".join(_line(k, v) for k, v in value.items()) + " }"
+        case list() | tuple():
+            return "[" + ", ".join(_toml(item) for item in value) + "]"
+        case _:
+            return repr(value)

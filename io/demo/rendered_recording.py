@@ -1,0 +1,171 @@
+"""The demo: pictures of a scene into a recording, and a Rig held against the scene's truth."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from quadrig.io.config.rig_toml import RigConfig
+from quadrig.io.demo.scene import ROOM, Scene, SceneCamera
+from quadrig.io.progress import progress_bar
+from quadrig.io.recording.convert import image_writer
+from quadrig.io.whole_file import written_beside
+from quadrig.io.workers import run_tasks
+from quadrig.rig.result import Rig
+from quadrig.single.pose import Pose
+from quadrig.single.render.picture import RayGrid, backdrop, ray_grid, render
+from quadrig.single.rotation import Array
+
+# What a usual industrial camera does to a picture: blur and noise of its lens and sensor, px and grey levels.
+_BLUR, _NOISE, _VIGNETTING, _EXPOSURE = 0.6, 1.5, 0.15, 1.25
+_JPEG_QUALITY = 95
+# 2026-01-01T00:00:00 UTC; a picture every fifth of a second, stamped up to 2 ms apart by the cameras.
+_START, _PERIOD, _JITTER = 1_767_225_600_000_000_000, 200_000_000, 2_000_000
+# A camera's rays take a second to compute: its pictures go to one process in a few tasks, not one by one.
+_BATCH = 6
+# Squared distances in sigmas that hold 99.73 % of errors (what 3 sigma hold of one number), for 1 and 3 numbers.
+_BOUND = {1: 9.0, 3: 14.16}
+
+
+@dataclass(frozen=True)
+class _Task:
+    camera: SceneCamera
+    scene: Scene
+    framesets: tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """One camera of a Rig against the truth.
+
+    focal, focal_sigma, focal_truth: px. position_error, position_sigma: m; rotation_error, rotation_sigma: rad; of
+    rig_from_camera. within: whether focal, position and rotation each lie where 99.73 % of them should.
+    """
+
+    camera: str
+    focal: float
+    focal_sigma: float
+    focal_truth: float
+    position_error: float
+    position_sigma: float
+    rotation_error: float
+    rotation_sigma: float
+    within: tuple[bool, bool, bool]
+
+
+def demo_config(scene: Scene) -> RigConfig:
+    """The rig.toml of a scene: its rectangles, nothing of its cameras but whose frame is the rig frame."""
+    return RigConfig(scene.rectangles, reference=scene.cameras[0].name)
+
+
+def write_demo_recording(path: Path, scene: Scene, workers: int | None = None, progress: bool = True) -> None:
+    """Render a scene into an MCAP recording, on /NAME/image_raw/compressed.
+
+    workers: processes; None as many as there are processors. Raises QuadrigError where it cannot be written.
+    """
+    framesets = range(len(scene.board_poses))
+    batches = [tuple(framesets[i : i + _BATCH]) for i in range(0, len(framesets), _BATCH)]
+    tasks = [_Task(camera, scene, batch) for camera in scene.cameras for batch in batches]
+    pictures: dict[tuple[int, str], bytes] = {}
+    with progress_bar("render", len(framesets) * len(scene.cameras), "images", quiet=not progress) as advance:
+        for index, jpegs in run_tasks(_render_batch, tasks, workers):
+            task = tasks[index]
+            for frameset, jpeg in zip(task.framesets, jpegs, strict=True):
+                pictures[_stamp(scene, task.camera, frameset), task.camera.name] = jpeg
+            advance(len(jpegs))
+    with written_beside(path) as beside, beside.open("wb") as stream:
+        write, finish = image_writer(stream, "ros2")
+        for (stamp, name), jpeg in sorted(pictures.items()):
+            write(name, stamp, "jpeg", jpeg)
+        finish()
+
+
+def picture(camera: SceneCamera, scene: Scene, frameset: int) -> Array:
+    """What a camera of the scene takes in a frameset, uint8 (h, w, 3) blue green red."""
+    grid, empty_room = _still(camera)
+    return render(
+        grid,
+        camera.world_from_camera.inverse(),
+        scene.sheets(frameset),
+        background=empty_room,
+        blur=_BLUR,
+        noise=_NOISE,
+        exposure=_EXPOSURE,
+        vignetting=_VIGNETTING,
+        rng=np.random.default_rng([frameset, *camera.name.encode()]),
+    )
+
+
+def compare_with_truth(rig: Rig, scene: Scene) -> tuple[Comparison, ...]:
+    """Each camera of the rig against the scene that it was calibrated from."""
+    truth = {camera.name: camera for camera in scene.cameras}
+    rig_from_world = truth[rig.reference].world_from_camera.inverse()
+    return tuple(
+        _compare(rig, camera.name, truth[camera.name], rig_from_world @ truth[camera.name].world_from_camera)
+        for camera in rig.cameras
+    )
+
+
+def all_within(comparisons: Sequence[Comparison]) -> bool:
+    """Whether the truth lies within the sigmas throughout."""
+    return all(all(one.within) for one in comparisons)
+
+
+def _compare(rig: Rig, name: str, truth: SceneCamera, rig_from_camera: Pose) -> Comparison:
+    camera = rig.camera(name)
+    step = camera.rig_from_camera.step_to(rig_from_camera)
+    covariance = rig.pose_covariance(name)
+    focal_sigma = rig.focal_sigma(name)
+    focal_error = camera.intrinsics.focal - truth.intrinsics.focal
+    return Comparison(
+        name,
+        camera.intrinsics.focal,
+        focal_sigma,
+        truth.intrinsics.focal,
+        float(np.linalg.norm(step[3:])),
+        rig.position_sigma(name),
+        float(np.linalg.norm(step[:3])),
+        rig.rotation_sigma(name),
+        (
+            _holds(np.array([focal_error]), np.array([[focal_sigma**2]])),
+            name == rig.reference or _holds(step[3:], covariance[3:, 3:]),
+            name == rig.reference or _holds(step[:3], covariance[:3, :3]),
+        ),
+    )
+
+
+def _holds(error: Array, covariance: Array) -> bool:
+    return bool(error @ np.linalg.solve(covariance, error) < _BOUND[len(error)])
+
+
+def _render_batch(task: _Task) -> list[bytes]:
+    cv2.setNumThreads(1)
+    jpegs = []
+    for frameset in task.framesets:
+        image = picture(task.camera, task.scene, frameset)
+        jpegs.append(cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])[1].tobytes())
+    return jpegs
+
+
+def _stamp(scene: Scene, camera: SceneCamera, frameset: int) -> int:
+    index = [one.name for one in scene.cameras].index(camera.name)
+    jitter = np.random.default_rng([frameset, index]).uniform(-_JITTER, _JITTER)
+    return _START + frameset * _PERIOD + int(jitter)
+
+
+# Rays and empty room of the cameras that this process renders; a camera is known by its lens and pose.
+_stills: dict[tuple[bytes, bytes], tuple[RayGrid, Array]] = {}
+
+
+def _still(camera: SceneCamera) -> tuple[RayGrid, Array]:
+    """What does not change while a camera stands: its rays and the empty room as it sees it."""
+    key = camera.intrinsics.parameters.tobytes(), camera.world_from_camera.matrix().tobytes()
+    if key not in _stills:
+        # One camera's take 20 MB: those of the last two are kept.
+        while len(_stills) > 1:
+            _stills.pop(next(iter(_stills)))
+        grid = ray_grid(camera.intrinsics)
+        _stills[key] = grid, backdrop(grid, camera.world_from_camera.inverse(), ROOM)
+    return _stills[key]

@@ -1,0 +1,88 @@
+"""Figures of a rig that pictures share: outlines, arrows, edges, histograms."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from quadrig.io.drawing.geometry import (
+    round_down,
+)
+from quadrig.rig.doubt.disagreement import Disagreement, disagreements
+from quadrig.rig.doubt.residual_field import ResidualField
+from quadrig.rig.result import Camera, Rig, ViewFit, placed_pose
+from quadrig.single.rotation import Array
+
+_SIDE_POINTS = 12
+# Residual arrows are drawn so much longer that a usual one is this share of the picture's width.
+_ARROW = 0.025
+# ... and one of a fault is cut to this share, or it would lie across everything else.
+_LONGEST_ARROW = 0.15
+_BINS = 24
+
+
+def arrow_scale(rig: Rig, camera: Camera) -> float:
+    """How many times longer than they are residuals are drawn, a round number."""
+    usual = camera.rms if np.isfinite(camera.rms) and camera.rms > 0 else 1.0
+    return max(round_down(_ARROW * camera.intrinsics.width / usual), 1.0)
+
+
+def residual_arrows(rig: Rig, camera: Camera, residuals: Array) -> Array:
+    """Residuals (P, 2) px, as long as they are drawn."""
+    arrows = arrow_scale(rig, camera) * residuals
+    length = np.linalg.norm(arrows, axis=1, keepdims=True)
+    return arrows * np.minimum(1.0, _LONGEST_ARROW * camera.intrinsics.width / np.maximum(length, 1e-12))
+
+
+def predicted_outline(rig: Rig, camera: Camera, fit: ViewFit) -> Array | None:
+    """Where the rig says the rectangle's outline lies in the picture (P, 2) px; None where part is out of sight."""
+    pose = placed_pose(rig, fit.view.rectangle, fit.view.frameset)
+    rectangle = next((placed.rectangle for placed in rig.rectangles if placed.name == fit.view.rectangle), None)
+    if pose is None or rectangle is None:
+        return None
+    corners = rectangle.corners
+    along = np.linspace(0, 1, _SIDE_POINTS, endpoint=False)[:, None]
+    sides = [a + along * (b - a) for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True)]
+    ring = np.concatenate([*sides, corners[:1]])
+    pixels = camera.intrinsics.project((camera.rig_from_camera.inverse() @ pose).transform(ring))
+    return pixels if np.isfinite(pixels).all() else None
+
+
+def graph_edges(rig: Rig) -> list[Disagreement]:
+    """One edge for each camera and rectangle: information summed, disagreements as root mean squares of its Views.
+
+    rejected: where none of its Views took part. frameset: that of its worst View.
+    """
+    edges: dict[tuple[str, str], list[Disagreement]] = {}
+    for one in disagreements(rig):
+        if np.isfinite(one.sigmas):
+            edges.setdefault((one.camera, one.rectangle), []).append(one)
+    return [_joined(views) for views in edges.values()]
+
+
+def _joined(views: list[Disagreement]) -> Disagreement:
+    kept = [one for one in views if not one.rejected] or views
+    figures = np.array([(one.rotation, one.translation, one.sigmas) for one in kept])
+    rotation, translation, sigmas = np.sqrt(np.mean(figures**2, axis=0)).tolist()
+    worst = max(kept, key=lambda one: one.sigmas)
+    information = sum(one.information for one in views if not one.rejected)
+    return Disagreement(
+        worst.camera, worst.rectangle, worst.frameset, rotation, translation, sigmas, information, worst.rejected
+    )
+
+
+def edge_widths(information: Sequence[float]) -> list[float]:
+    """Half widths of lines, 1 to 5, by the logarithm of what they carry."""
+    if not information:
+        return []
+    size = np.log10(np.maximum(np.asarray(information, float), 1e-12))
+    # Three decades below the strongest an edge no longer matters, and all such are thin.
+    return np.clip(5 + 4 * (size - size.max()) / 3, 1, 5).tolist()
+
+
+def residual_histogram(field: ResidualField) -> tuple[Array, Array]:
+    """Counts (B,) of residual lengths and the edges (B+1,) px of their bins; the longest share the last one."""
+    lengths = field.lengths
+    # Beyond three times the 90th percentile are outliers: they share the last bin and do not squash the rest.
+    top = max(3 * float(np.percentile(lengths, 90)), 1e-6) if len(lengths) else 1.0
+    counts, edges = np.histogram(np.minimum(lengths, top), bins=_BINS, range=(0, top))
+    return counts, edges

@@ -1,0 +1,148 @@
+"""Solving while frames come in: a process of its own, so that neither search nor screen waits for the solution."""
+
+import multiprocessing
+import multiprocessing.connection
+import os
+import signal
+import threading
+from collections.abc import Sequence
+from concurrent.futures import Future, ProcessPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+
+from quadrig.rig.calibration import calibrate
+from quadrig.rig.coach.advice import Advice, Situation, advise
+from quadrig.rig.coach.fault import Fault
+from quadrig.rig.coach.printed_scale import scale_fault
+from quadrig.rig.problem.camera_input import CameraInput
+from quadrig.rig.result import Rig
+from quadrig.single.errors import QuadrigError
+from quadrig.single.pose import Pose
+from quadrig.single.rectangle import Rectangle
+from quadrig.single.view import View
+
+# Framesets that a live solution uses at most: half a second on one core. The last solution uses all of them.
+_LIVE_FRAMESETS = 100
+
+
+@dataclass(frozen=True, eq=False)
+class Job:
+    """What is to be solved and advised on."""
+
+    cameras: tuple[CameraInput, ...]
+    rectangles: tuple[Rectangle, ...]
+    views: tuple[View, ...]
+    reference: str | None = None
+    target: float | None = None
+    refused: tuple[Pose, ...] = ()
+    refused_pairs: frozenset[frozenset[str]] = frozenset()
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """The rig as far as it can be known, what to do next, what is wrong; trouble: why there is no rig yet."""
+
+    rig: Rig | None
+    advice: Advice
+    fault: Fault | None = None
+    trouble: str = ""
+    framesets: int = 0
+
+
+def solve(job: Job) -> Solution:
+    """The rig of the Views so far and the advice for the next one."""
+    rig, trouble = None, ""
+    try:
+        rig = calibrate(job.cameras, job.rectangles, job.views, job.reference)
+    except QuadrigError as error:
+        trouble = str(error)
+    except np.linalg.LinAlgError:
+        # The first few Views may leave a system that cannot be solved; the next ones mend it.
+        trouble = "what was seen so far does not fix the rig; show the sheet in more places, tilted"
+    situation = Situation(
+        tuple(camera.name for camera in job.cameras),
+        job.rectangles,
+        job.views,
+        rig,
+        job.target,
+        job.refused,
+        job.refused_pairs,
+    )
+    fault = scale_fault(rig) if rig is not None else None
+    return Solution(rig, advise(situation), fault, trouble, len({view.frameset for view in job.views}))
+
+
+def thinned(views: Sequence[View], most: int = _LIVE_FRAMESETS) -> tuple[View, ...]:
+    """The Views of at most `most` framesets, spread evenly, those that many cameras share first."""
+    cameras: dict[int, set[str]] = {}
+    for view in views:
+        cameras.setdefault(view.frameset, set()).add(view.camera)
+    if len(cameras) <= most:
+        return tuple(views)
+    shared = [frameset for frameset, names in cameras.items() if len(names) > 1]
+    alone = [frameset for frameset, names in cameras.items() if len(names) == 1]
+    kept = set(_spread(shared, most) + _spread(alone, max(most - len(shared), most // 4)))
+    return tuple(view for view in views if view.frameset in kept)
+
+
+def _spread(framesets: list[int], most: int) -> list[int]:
+    if len(framesets) <= most:
+        return framesets
+    return [framesets[k * len(framesets) // most] for k in range(most)]
+
+
+class LiveSolver:
+    """Solves one job at a time in a process of its own."""
+
+    def __init__(self) -> None:
+        # A fresh process: capture threads and video decoders do not survive a fork.
+        context = multiprocessing.get_context("spawn")
+        self._pool = ProcessPoolExecutor(1, mp_context=context, initializer=_stand_back)
+        self._running: Future[Solution] | None = None
+        # Matrices of some tens of rows gain nothing from more threads, and the search would lose its own.
+        os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+        self._pool.submit(_warm_up)
+
+    @property
+    def idle(self) -> bool:
+        """Whether a job would be begun at once."""
+        return self._running is None
+
+    def begin(self, job: Job) -> None:
+        """Begin a job."""
+        self._running = self._pool.submit(solve, job)
+
+    def take(self, wait: bool = False) -> Solution | None:
+        """The solution of the job that was begun, once it is there; where `wait`, when it is there."""
+        if self._running is None or not (wait or self._running.done()):
+            return None
+        running, self._running = self._running, None
+        return running.result()
+
+    def close(self) -> None:
+        """End the process; a job that runs is not waited for."""
+        self._pool.shutdown(wait=False, cancel_futures=True)
+
+
+def _stand_back() -> None:
+    """Leave interrupts to the session, and the processor to the search."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    if os.nice(0) < 5:
+        os.nice(5)
+        threading.Thread(target=_leave_with_parent, daemon=True).start()
+
+
+def _leave_with_parent() -> None:
+    """End this process when the session's is killed: a pool's worker would wait for work for ever."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        multiprocessing.connection.wait([parent.sentinel])
+        os._exit(1)
+
+
+def _warm_up() -> None:
+    """Import what the first solution would import, while the person takes up the sheet."""
+    import networkx  # noqa: F401
+    import scipy.linalg
+    import scipy.sparse.csgraph  # noqa: F401

@@ -1,0 +1,135 @@
+"""From the bytes of one image to an array: grey for detection, BGR for looking at.
+
+Encodings are those of ROS 2 (sensor_msgs/image_encodings) and Foxglove (RawImage): both are covered by one table.
+Images come as their sensor saw them: an EXIF turn is not applied, since it would move the principal point.
+"""
+
+import cv2
+import numpy as np
+
+from quadrig.io.recording.image_message import Payload
+from quadrig.single.rotation import Array
+
+# Channels, bytes of a sample, and OpenCV's conversions to grey and to BGR (None: leave as it is).
+_PACKED = {
+    "mono8": (1, 1, None, cv2.COLOR_GRAY2BGR),
+    "8uc1": (1, 1, None, cv2.COLOR_GRAY2BGR),
+    "mono16": (1, 2, None, cv2.COLOR_GRAY2BGR),
+    "bgr8": (3, 1, cv2.COLOR_BGR2GRAY, None),
+    "8uc3": (3, 1, cv2.COLOR_BGR2GRAY, None),
+    "rgb8": (3, 1, cv2.COLOR_RGB2GRAY, cv2.COLOR_RGB2BGR),
+    "bgra8": (4, 1, cv2.COLOR_BGRA2GRAY, cv2.COLOR_BGRA2BGR),
+    "8uc4": (4, 1, cv2.COLOR_BGRA2GRAY, cv2.COLOR_BGRA2BGR),
+    "rgba8": (4, 1, cv2.COLOR_RGBA2GRAY, cv2.COLOR_RGBA2BGR),
+    "bgr16": (3, 2, cv2.COLOR_BGR2GRAY, None),
+    "rgb16": (3, 2, cv2.COLOR_RGB2GRAY, cv2.COLOR_RGB2BGR),
+    "bayer_rggb": (1, 1, cv2.COLOR_BayerRGGB2GRAY, cv2.COLOR_BayerRGGB2BGR),
+    "bayer_bggr": (1, 1, cv2.COLOR_BayerBGGR2GRAY, cv2.COLOR_BayerBGGR2BGR),
+    "bayer_gbrg": (1, 1, cv2.COLOR_BayerGBRG2GRAY, cv2.COLOR_BayerGBRG2BGR),
+    "bayer_grbg": (1, 1, cv2.COLOR_BayerGRBG2GRAY, cv2.COLOR_BayerGRBG2BGR),
+    "uyvy": (2, 1, cv2.COLOR_YUV2GRAY_UYVY, cv2.COLOR_YUV2BGR_UYVY),
+    "yuyv": (2, 1, cv2.COLOR_YUV2GRAY_YUY2, cv2.COLOR_YUV2BGR_YUY2),
+}
+# Luma rows first, then the chroma at half height: one array of 3/2 the height.
+_PLANAR = {
+    "nv12": (cv2.COLOR_YUV2GRAY_NV12, cv2.COLOR_YUV2BGR_NV12),
+    "nv21": (cv2.COLOR_YUV2GRAY_NV21, cv2.COLOR_YUV2BGR_NV21),
+    "i420": (cv2.COLOR_YUV2GRAY_I420, cv2.COLOR_YUV2BGR_I420),
+}
+_SAME_AS = {"yuv422": "uyvy", "yuv422_yuy2": "yuyv", "yuy2": "yuyv"}
+_DEPTH = ("16uc1", "16sc1", "32fc1", "64fc1", "compresseddepth")
+
+
+_REDUCED = {
+    1: (cv2.IMREAD_GRAYSCALE, cv2.IMREAD_COLOR),
+    2: (cv2.IMREAD_REDUCED_GRAYSCALE_2, cv2.IMREAD_REDUCED_COLOR_2),
+    4: (cv2.IMREAD_REDUCED_GRAYSCALE_4, cv2.IMREAD_REDUCED_COLOR_4),
+    8: (cv2.IMREAD_REDUCED_GRAYSCALE_8, cv2.IMREAD_REDUCED_COLOR_8),
+}
+
+
+class UndecodableImage(ValueError):  # noqa: N818 - it names the image, which is what a person has to look at
+    """The bytes of one image cannot be read: the frame is left out, the recording goes on."""
+
+
+def is_depth(encoding: str) -> bool:
+    """Whether the encoding is that of depths, which no marking can be seen in."""
+    return any(word in encoding.lower() for word in _DEPTH)
+
+
+def decode_image(payload: Payload, gray: bool = True, shrink: int = 1) -> Array:
+    """The image (H, W) uint8, or (H, W, 3) uint8 in BGR where not gray, at 1/shrink of its size (1, 2, 4 or 8).
+
+    Raises UndecodableImage.
+    """
+    if payload.width == 0:
+        return decode_file(payload.data, gray, shrink)
+    try:
+        return shrunk(_decode_raw(payload, gray), shrink)
+    except (cv2.error, ValueError) as error:
+        size = f"{payload.width}x{payload.height} {payload.encoding}"
+        raise UndecodableImage(f"{len(payload.data)} bytes are no {size} image") from error
+
+
+def decode_file(data: bytes, gray: bool = True, shrink: int = 1) -> Array:
+    """The image of the bytes of a JPEG, PNG, WebP, TIFF, PGM... file, as decode_image gives it.
+
+    A JPEG is shrunk while it is decoded, which saves most of the work.
+    """
+    how = _REDUCED[shrink][0 if gray else 1]
+    buffer = np.frombuffer(data, np.uint8)
+    image = None
+    if len(buffer):
+        image = cv2.imdecode(buffer, how | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION)
+    if image is None:
+        raise UndecodableImage(f"{len(data)} bytes are no image that OpenCV can read")
+    return _eight_bits(image)
+
+
+def shrunk(image: Array, shrink: int) -> Array:
+    """The image at 1/shrink of its size, each pixel the mean of those it stands for."""
+    if shrink == 1:
+        return image
+    size = (-(-image.shape[1] // shrink), -(-image.shape[0] // shrink))
+    return cv2.resize(image, size, interpolation=cv2.INTER_AREA)
+
+
+def _decode_raw(payload: Payload, gray: bool) -> Array:
+    encoding = _SAME_AS.get(payload.encoding, payload.encoding)
+    if encoding in _PLANAR:
+        to_gray, to_bgr = _PLANAR[encoding]
+        image = _rows(payload, payload.height * 3 // 2, payload.width)
+        return cv2.cvtColor(image, to_gray if gray else to_bgr)
+    wide = encoding.startswith("bayer_") and encoding.endswith("16")
+    name = encoding.removesuffix("16").removesuffix("8") if encoding.startswith("bayer_") else encoding
+    if name not in _PACKED:
+        known = ", ".join(sorted([*_PACKED, *_PLANAR]))
+        raise UndecodableImage(f"encoding {payload.encoding!r} is not one of {known}")
+    channels, sample, to_gray, to_bgr = _PACKED[name]
+    sample = 2 if wide else sample
+    image = _rows(payload, payload.height, payload.width * channels * sample)
+    if sample == 2:
+        image = _eight_bits(image.view(">u2" if payload.big_endian else "<u2").astype(np.uint16))
+    image = image.reshape(payload.height, payload.width, channels) if channels > 1 else image
+    conversion = to_gray if gray else to_bgr
+    return np.ascontiguousarray(image) if conversion is None else cv2.cvtColor(image, conversion)
+
+
+def _rows(payload: Payload, rows: int, row_bytes: int) -> Array:
+    """(rows, row_bytes) uint8 without the padding at the end of each row."""
+    step = payload.step if payload.step >= row_bytes else row_bytes
+    flat = np.frombuffer(payload.data, np.uint8)
+    missing = rows * step - len(flat)
+    # The last row may come without its padding.
+    if 0 < missing <= step - row_bytes:
+        flat = np.concatenate([flat, np.zeros(missing, np.uint8)])
+    return np.ascontiguousarray(flat[: rows * step].reshape(rows, step)[:, :row_bytes])
+
+
+def _eight_bits(image: Array) -> Array:
+    """The upper eight of the bits in use: sensors put 10, 12 or 14 of them into sixteen."""
+    if image.dtype == np.uint8:
+        return image
+    if image.dtype != np.uint16:
+        raise UndecodableImage(f"samples are {image.dtype}, not 8 or 16 bits")
+    return (image >> max(0, int(image.max(initial=0)).bit_length() - 8)).astype(np.uint8)

@@ -1,0 +1,171 @@
+"""The plots of the report: each makes one picture of one thing."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from quadrig.io.drawing.geometry import ellipsoid, extent, level_axes, magnification, outlines, positions
+from quadrig.io.drawing.palette import FAULT, FINE, MOVING, PREDICTED, STATIC, Colour, hexadecimal, rig_colours
+from quadrig.io.drawing.rig_figures import arrow_scale, edge_widths, graph_edges, residual_arrows, residual_histogram
+from quadrig.io.drawing.svg import Plot
+from quadrig.rig.doubt.disagreement import disagreements
+from quadrig.rig.doubt.residual_field import COLUMNS, ROWS, residual_field
+from quadrig.rig.doubt.verdict import contradiction_limit
+from quadrig.rig.result import Camera, Rig
+from quadrig.single.rotation import Array
+
+# A report shows a share of very many residuals: 1500 arrows fill a picture, and its file stays small.
+_MOST_ARROWS = 1500
+_MOST_OUTLINES = 120
+_COVERED = "#4a86c8"
+
+
+def level_view(rig: Rig, rows: tuple[int, int], title: str, labels: tuple[str, str]) -> str:
+    """The rig on two of its level axes (right, ahead, up): cameras with their view and doubt, rectangles."""
+    axes = level_axes(rig)[list(rows)]
+    every = np.concatenate([positions(rig), *(outlines(p).reshape(-1, 3) for p in rig.rectangles)]) @ axes.T
+    every = every[np.isfinite(every).all(axis=1)]
+    margin = 0.12 * extent(rig)
+    low, high = every.min(axis=0) - margin, every.max(axis=0) + margin
+    plot = Plot((low[0], high[0]), (low[1], high[1]), 520, 400, labels[0], labels[1], equal=True)
+    for placed in rig.rectangles:
+        colour = hexadecimal(MOVING if placed.rectangle.moving else STATIC)
+        rings = outlines(placed)
+        step = max(1, len(rings) // _MOST_OUTLINES)
+        for ring in rings[::step]:
+            plot.line(ring @ axes.T, colour, 0.6 if placed.rectangle.moving else 2.0)
+        if not placed.rectangle.moving:
+            plot.text(rings[0, :4].mean(axis=0) @ axes.T, placed.name, colour)
+    for camera, colour in zip(rig.cameras, rig_colours(rig).values(), strict=True):
+        _draw_camera(plot, rig, camera, colour, axes)
+    return plot.svg(title)
+
+
+def _draw_camera(plot: Plot, rig: Rig, camera: Camera, colour: Colour, axes: Array) -> None:
+    lens, pose = camera.intrinsics, camera.rig_from_camera
+    size = 0.09 * extent(rig)
+    sides = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * [lens.width / 2, lens.height / 2] / lens.focal
+    tips = pose.transform(size * np.column_stack([sides, np.ones(4)])) @ axes.T
+    eye = pose.translation @ axes.T
+    plot.line(tips, hexadecimal(colour), 1.2, closed=True)
+    plot.segments(np.tile(eye, (4, 1)), tips, hexadecimal(colour), 1.2)
+    covariance = axes @ rig.pose_covariance(camera.name)[3:, 3:] @ axes.T
+    sizes, turn = np.linalg.eigh(covariance)
+    angle = np.linspace(0, 2 * np.pi, 40)
+    round_ = np.stack([np.cos(angle), np.sin(angle)], axis=1) * np.sqrt(np.maximum(sizes, 0)) * magnification(rig)
+    plot.line(eye + round_ @ turn.T, hexadecimal(colour), 1.0, closed=True, fill=hexadecimal(colour) + "40")
+    plot.dots(eye[None], hexadecimal(colour), 2.5)
+    plot.text(eye, camera.name, hexadecimal(colour))
+
+
+def graph(rig: Rig) -> str:
+    """Cameras left, rectangles right; lines as thick as what they carry, red where they disagree."""
+    height = max(len(rig.cameras), len(rig.rectangles), 2)
+    plot = Plot((-0.6, 1.6), (0, height), 520, max(180, 44 * height), down=True, ticks=False)
+    colours = rig_colours(rig)
+    left = {c.name: (0.0, y) for c, y in zip(rig.cameras, _spread(len(rig.cameras), height), strict=True)}
+    right = {p.name: (1.0, y) for p, y in zip(rig.rectangles, _spread(len(rig.rectangles), height), strict=True)}
+    edges = [edge for edge in graph_edges(rig) if edge.camera in left and edge.rectangle in right]
+    limit = contradiction_limit(disagreements(rig))
+    for edge, width in zip(edges, edge_widths([edge.information for edge in edges]), strict=True):
+        colour = hexadecimal(FAULT if edge.sigmas > limit else FINE)
+        plot.line(np.array([left[edge.camera], right[edge.rectangle]]), colour, 1.6 * width)
+    for name, place in left.items():
+        plot.dots(np.array([place]), hexadecimal(colours[name]), 7)
+        plot.text((place[0] - 0.06, place[1] + 0.22), name, hexadecimal(colours[name]), "end")
+    for placed in rig.rectangles:
+        place, colour = right[placed.name], hexadecimal(MOVING if placed.rectangle.moving else STATIC)
+        plot.dots(np.array([place]), colour, 7)
+        count = f" x{len(placed.framesets)}" if placed.rectangle.moving else ""
+        plot.text((place[0] + 0.06, place[1] + 0.22), placed.name + count, colour, "start")
+    return plot.svg("who saw what: cameras, rectangles, and how much each pair carries")
+
+
+def cycle_errors(rig: Rig) -> str:
+    """Each View's disagreement with the rig by frameset, in its own sigmas."""
+    told = [one for one in disagreements(rig) if np.isfinite(one.sigmas)]
+    limit = contradiction_limit(told)
+    framesets = [one.frameset for one in told] or [0]
+    top = max([1.3 * limit, *(one.sigmas for one in told if not one.rejected)])
+    bounds_ = (min(framesets) - 0.5, max(framesets) + 0.5)
+    plot = Plot(bounds_, (0, 1.05 * top), 520, 240, "frameset", "sigmas")
+    plot.line(np.array([[bounds_[0], limit], [bounds_[1], limit]]), hexadecimal(FAULT), 1.0)
+    for name, colour in rig_colours(rig).items():
+        own = [(one.frameset, min(one.sigmas, top)) for one in told if one.camera == name and not one.rejected]
+        plot.dots(np.array(own).reshape(-1, 2), hexadecimal(colour), 2.2)
+    return plot.svg("how far each View disagrees with the rig, in its own sigmas")
+
+
+def left_out(rig: Rig) -> str:
+    """RMS of the fit (full) and of framesets left out of it (pale), for each camera."""
+    rows = np.nan_to_num([(camera.rms, camera.left_out_rms) for camera in rig.cameras])
+    top = max(1e-3, float(rows.max(initial=0.0)))
+    height = 30 * len(rows) + 40
+    # The words stand to the right of the bars.
+    plot = Plot((0, 1.9 * top), (0, len(rows)), 520, height, down=True, ticks=False)
+    for index, (camera, (fit, out)) in enumerate(zip(rig.cameras, rows, strict=True)):
+        colour = hexadecimal(rig_colours(rig)[camera.name])
+        plot.box((0, index + 0.15), (fit, index + 0.5), colour)
+        plot.box((0, index + 0.5), (out, index + 0.85), colour, 0.5)
+        said = f"{camera.name}: {fit:.2f} px" + (f", left out {out:.2f} px" if out else "")
+        plot.text((max(fit, out) + 0.03 * top, index + 0.8), said, "currentColor", "start")
+    return plot.svg("RMS of the fit and of framesets left out of it, by camera")
+
+
+def steps(rig: Rig) -> str:
+    """The cost of the adjustment, step by step."""
+    costs = np.log10(np.maximum(np.asarray(rig.costs, float), 1e-300))
+    low, high = (float(costs.min()), float(costs.max())) if len(costs) else (0.0, 1.0)
+    plot = Plot((0, max(len(costs) - 1, 1)), (low, high), 520, 200, "step", "log10 cost")
+    if len(costs):
+        points = np.column_stack([np.arange(len(costs)), costs])
+        plot.line(points, hexadecimal(FINE))
+        plot.dots(points, hexadecimal(FINE), 2)
+    return plot.svg("cost of the adjustment by step")
+
+
+def field(rig: Rig, camera: Camera) -> str:
+    """Residual vectors over the picture, enlarged, on the fields that corners covered."""
+    lens, held = camera.intrinsics, residual_field(rig, camera.name)
+    height = round(360 * lens.height / lens.width) + 40
+    plot = Plot((0, lens.width), (0, lens.height), 414, height, down=True)
+    most = max(int(held.counts.max()), 1)
+    for row in range(ROWS):
+        for column in range(COLUMNS):
+            if held.counts[row, column]:
+                low = (column * lens.width / COLUMNS, row * lens.height / ROWS)
+                high = ((column + 1) * lens.width / COLUMNS, (row + 1) * lens.height / ROWS)
+                plot.box(low, high, _COVERED, 0.12 + 0.4 * float(np.sqrt(held.counts[row, column] / most)))
+    chosen = _some(len(held.pixels), _MOST_ARROWS)
+    starts = held.pixels[chosen] - held.residuals[chosen]
+    ends = starts + residual_arrows(rig, camera, held.residuals[chosen])
+    plot.segments(starts, ends, hexadecimal(PREDICTED))
+    plot.xlabel = f"residuals drawn {arrow_scale(rig, camera):.0f} times longer"
+    return plot.svg(f"{camera.name}: residuals over the picture, and where corners were")
+
+
+def histogram(rig: Rig, camera: Camera) -> str:
+    """How long residuals are."""
+    counts, edges = residual_histogram(residual_field(rig, camera.name))
+    plot = Plot((0, float(edges[-1])), (0, float(max(counts.max(), 1))), 300, 180, "residual px", "corners")
+    colour = hexadecimal(rig_colours(rig)[camera.name])
+    for count, low, high in zip(counts, edges[:-1], edges[1:], strict=True):
+        plot.box((low, 0), (low + 0.92 * (high - low), count), colour)
+    return plot.svg(f"{camera.name}: lengths of residuals")
+
+
+def doubt_sentence(rig: Rig) -> str:
+    """What the ellipses show."""
+    largest = max((ellipsoid(rig.pose_covariance(c.name)[3:, 3:])[0].max() for c in rig.cameras), default=0.0)
+    return (
+        f"Ellipses are one sigma of each camera's position, drawn {magnification(rig):.0f} times larger "
+        f"(the longest half axis is {1e3 * largest:.2g} mm)."
+    )
+
+
+def _some(count: int, most: int) -> Sequence[int]:
+    return [int(i) for i in np.linspace(0, count - 1, min(count, most))] if count else []
+
+
+def _spread(count: int, height: int) -> list[float]:
+    return [(index + 0.5) * height / count for index in range(count)]

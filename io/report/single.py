@@ -1,0 +1,123 @@
+"""What one picture tells of its camera, as lines for people and as JSON for programs."""
+
+import json
+from collections.abc import Sequence
+
+import numpy as np
+
+from quadrig.single.calibration import Calibration
+from quadrig.single.rectangle import Rectangle
+from quadrig.single.rotation import Array, angles_from_rotation
+from quadrig.single.solve.cramer_rao import paper_sigmas
+from quadrig.single.solve.focal_advice import percent, view_tilt
+from quadrig.single.view import View
+
+
+def text_report(
+    name: str, rectangle: Rectangle, view: View, calibration: Calibration, said: Sequence[str] = ()
+) -> str:
+    """Lines for people; `said`: sentences on what was put right in the input."""
+    lens, pose = calibration.intrinsics, calibration.rect_from_cams[0]
+    sigmas = paper_sigmas(calibration.covariance(), calibration.cam_from_rects[0])
+    angles = np.degrees(np.array(angles_from_rotation(pose.rotation)))
+    low, high = calibration.focal_interval
+    focal = f"{lens.focal:.1f} px"
+    if calibration.focal_sigma > 0:
+        relative = percent(calibration.focal_sigma / lens.focal)
+        until = f"to {high:.0f} px" if np.isfinite(high) else "upwards without end"
+        focal += f" +- {calibration.focal_sigma:.1f} ({relative}); 95 %: {low:.0f} {until}"
+    else:
+        focal += " (given)"
+    centre, centre_sigma = lens.principal_point, np.sqrt(np.diag(calibration.lens_covariance)[1:3])
+    k1, k2 = lens.distortion[:2]
+    rows = [
+        ("picture", f"{name}, {lens.width} x {lens.height}"),
+        ("rectangle", f"{rectangle.name}, {rectangle.width:g} x {rectangle.height:g} m, {len(view.pixels)} points"),
+        ("focal", focal),
+        ("principal point", f"{centre[0]:.1f}, {centre[1]:.1f} px +- {centre_sigma[0]:.1f}, {centre_sigma[1]:.1f}"),
+        ("distortion", f"k1 {k1:.4f}, k2 {k2:.4f}" if k1 or k2 else "none"),
+        ("camera at", f"{_list(pose.translation, 4)} m +- {_list(sigmas[:3], 4)}"),
+        ("theta x y z", f"{_list(angles, 2)} degrees +- {_list(np.degrees(sigmas[3:6]), 2)}"),
+        ("distance, tilt", f"{np.linalg.norm(pose.translation):.3f} m, {_tilt(calibration):.1f} degrees"),
+        ("residual", f"{calibration.rms:.2f} px RMS; sigmas are for {calibration.noise:.2f} px a coordinate"),
+        ("mirror twin", _twin_line(calibration)),
+    ]
+    lines = [f"{label:<16}{value}" for label, value in rows]
+    lines += [f"- {sentence}" for sentence in (*said, *calibration.notes)]
+    return "\n".join(lines)
+
+
+def json_report(
+    name: str, rectangle: Rectangle, view: View, calibration: Calibration, said: Sequence[str] = ()
+) -> str:
+    """The same as JSON; what is without bound is null."""
+    lens, pose = calibration.intrinsics, calibration.rect_from_cams[0]
+    sigmas = paper_sigmas(calibration.covariance(), calibration.cam_from_rects[0])
+    lens_sigmas = np.sqrt(np.diag(calibration.lens_covariance))
+    twins = calibration.twins
+    twin = None
+    if twins is not None and twins.exists:
+        twin = {
+            "rect_from_camera": twins.cam_from_rect[1].inverse().matrix(),
+            "log_likelihood_ratio": twins.log_likelihood_ratio,
+        }
+    values = {
+        "image": name,
+        "width": lens.width,
+        "height": lens.height,
+        "rectangle": {"name": rectangle.name, "width": rectangle.width, "height": rectangle.height},
+        "points": len(view.pixels),
+        "reason": calibration.reason.name.lower(),
+        "focal_px": lens.focal,
+        "focal_interval_px": calibration.focal_interval,
+        "principal_point": lens.principal_point,
+        "camera_matrix": lens.camera_matrix,
+        "distortion": lens.distortion,
+        "rect_from_camera": pose.matrix(),
+        "theta_deg": np.degrees(np.array(angles_from_rotation(pose.rotation))),
+        "tilt_deg": _tilt(calibration),
+        "sigma": {
+            "focal_px": calibration.focal_sigma,
+            "principal_point_px": lens_sigmas[1:3],
+            "distortion": lens_sigmas[3:8],
+            "position_m": sigmas[:3],
+            "theta_deg": np.degrees(sigmas[3:6]),
+        },
+        "covariance": calibration.rect_from_cam_covariance[0],
+        "rms_px": calibration.rms,
+        "noise_px": calibration.noise,
+        "twin": twin,
+        "notes": [*said, *calibration.notes],
+    }
+    return json.dumps(_plain(values), indent=2)
+
+
+def _twin_line(calibration: Calibration) -> str:
+    twins = calibration.twins
+    if twins is None or not twins.exists:
+        return "none"
+    ratio = float(twins.log_likelihood_ratio)
+    if ratio > np.log(1e6):
+        return "excluded: more than a million times less likely"
+    return f"{np.exp(ratio):.3g} times less likely"
+
+
+def _tilt(calibration: Calibration) -> float:
+    return float(np.degrees(view_tilt(calibration.cam_from_rects[0])))
+
+
+def _list(values: Array, digits: int) -> str:
+    return ", ".join(f"{value:.{digits}f}" for value in values)
+
+
+def _plain(value):
+    """Arrays to lists and numbers to what JSON can hold."""
+    if isinstance(value, dict):
+        return {key: _plain(item) for key, item in value.items()}
+    if isinstance(value, np.ndarray):
+        return _plain(value.tolist())
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    if isinstance(value, float | np.floating):
+        return float(value) if np.isfinite(value) else None
+    return value

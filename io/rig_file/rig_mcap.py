@@ -1,0 +1,216 @@
+"""rig.mcap: the result of a calibration as MCAP that any tool opens.
+
+Channels: for each camera foxglove.CameraCalibration on /<camera>/camera_info; /tf with foxglove.FrameTransforms (the
+rig frame is the parent of every camera and every rectangle, child_frame_id is its name); for each rectangle its
+outline as foxglove.PointCloud, so that viewers that know no rectangle draw it too; and our full record as JSON on
+/quadrig/rig and /quadrig/views. rig.toml is an attachment, versions are metadata "quadrig".
+"""
+
+import importlib.metadata
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from quadrig.io.rig_file.record import (
+    RECORD_FORMAT,
+    RigRecord,
+    ViewRecord,
+    decode_rig,
+    decode_view,
+    encode_rig,
+    encode_view,
+)
+from quadrig.io.whole_file import written_beside
+from quadrig.rig.result import Camera, PlacedRectangle, Rig
+from quadrig.single.errors import QuadrigError
+from quadrig.single.pose import Pose
+
+RIG_TOPIC = "/quadrig/rig"
+VIEWS_TOPIC = "/quadrig/views"
+CONFIG_ATTACHMENT = "rig.toml"
+
+# Points on each side of the outline that a point cloud draws: enough to read as a line at any usual size.
+_OUTLINE_POINTS = 60
+
+
+@dataclass(frozen=True, eq=False)
+class RigFile:
+    """What a rig.mcap holds: the Rig, the rig.toml it was made with, the times (ns since 1970) of its framesets by
+    index (empty where unknown), and the version of quadrig that wrote it."""
+
+    rig: Rig
+    config_text: str = ""
+    times: tuple[int, ...] = ()
+    version: str = ""
+
+
+def write_rig(path: Path | str, rig: Rig, config_text: str = "", times: Sequence[int] = ()) -> None:
+    """Write a Rig to an MCAP file, whole or not at all.
+
+    config_text: the rig.toml as the user wrote it. times: ns since 1970 of each frameset, by index; one microsecond
+    apart from zero where not given. Raises QuadrigError where the file cannot be written.
+    """
+    from mcap.writer import CompressionType
+    from mcap_protobuf.writer import Writer
+
+    known = tuple(int(time) for time in times)
+    times = known or _invented_times(rig)
+    start = min(times, default=0)
+    # The record repeats itself much (the same board points in each View): zstd takes it to a quarter.
+    zstd = CompressionType.ZSTD
+    with (
+        written_beside(path) as beside,
+        beside.open("wb") as stream,
+        Writer(stream, compression=zstd, profile="quadrig") as writer,
+    ):
+        for camera in rig.cameras:
+            writer.write_message(f"/{camera.name}/camera_info", _calibration(camera, start), start, start)
+        for time, transforms in _transforms(rig, times):
+            writer.write_message("/tf", transforms, time, time)
+        for placed in rig.rectangles:
+            writer.write_message(f"/{placed.name}/outline", _outline(placed, start), start, start)
+        _write_record(writer._writer, rig, times, known)
+        writer.add_attachment(0, start, CONFIG_ATTACHMENT, "application/toml", config_text.encode())
+        writer.add_metadata("quadrig", {"version": _version(), "record": str(RECORD_FORMAT)})
+
+
+def read_rig(path: Path | str) -> Rig:
+    """The Rig of a rig.mcap. Raises QuadrigError where the file is absent, no MCAP, or holds no rig."""
+    return read_rig_file(path).rig
+
+
+def read_rig_file(path: Path | str) -> RigFile:
+    """All that a rig.mcap holds. Raises QuadrigError where the file is absent, no MCAP, or holds no rig."""
+    from mcap.reader import make_reader
+
+    path = Path(path)
+    if not path.is_file():
+        raise QuadrigError(f"there is no file {path}; give the rig.mcap that `rig calibrate` wrote")
+    try:
+        with path.open("rb") as stream:
+            reader = make_reader(stream, validate_crcs=True)
+            records, views = [], []
+            for _, channel, message in reader.iter_messages(topics=[RIG_TOPIC, VIEWS_TOPIC], log_time_order=False):
+                (records if channel.topic == RIG_TOPIC else views).append(message.data)
+            config = [a.data.decode() for a in reader.iter_attachments() if a.name == CONFIG_ATTACHMENT]
+            version = [m.metadata.get("version", "") for m in reader.iter_metadata() if m.name == "quadrig"]
+        if not records:
+            raise QuadrigError(f"{path} is MCAP but holds no rig; give the rig.mcap that `rig calibrate` wrote")
+        rig, times = decode_rig(records[-1], tuple(decode_view(view) for view in views))
+    except OSError as error:
+        raise QuadrigError(f"cannot read {path}: {error.strerror}") from error
+    except QuadrigError:
+        raise
+    # Damage shows as whatever the parsers of mcap, zstd and JSON stumble over.
+    except Exception as error:
+        raise QuadrigError(
+            f"{path} cannot be read as a rig.mcap ({_first_line(error)}); write it again with `rig calibrate`"
+        ) from error
+    return RigFile(rig, "".join(config[-1:]), times, "".join(version[-1:]))
+
+
+def rig_frame_name(rig: Rig) -> str:
+    """The rig frame's name among transforms: the reference's, or "world" where a surveyed rectangle is the reference
+    and its pose says where the frame is."""
+    for placed in rig.rectangles:
+        if placed.name == rig.reference:
+            is_frame = np.allclose(placed.rig_from_rect.matrix(), np.eye(4), atol=0, rtol=0)
+            return rig.reference if is_frame else "world"
+    return rig.reference
+
+
+def _invented_times(rig: Rig) -> tuple[int, ...]:
+    framesets = [fit.view.frameset for fit in rig.fits]
+    framesets += [int(index) for placed in rig.rectangles for index in placed.framesets]
+    return tuple(1000 * index for index in range(max(framesets, default=-1) + 1))
+
+
+def _write_record(writer: Any, rig: Rig, times: tuple[int, ...], known: tuple[int, ...]) -> None:
+    channels = {}
+    for topic, name, kind in ((RIG_TOPIC, "quadrig.Rig", RigRecord), (VIEWS_TOPIC, "quadrig.View", ViewRecord)):
+        schema = msgspec.json.encode(msgspec.json.schema(kind))
+        schema_id = writer.register_schema(name=name, encoding="jsonschema", data=schema)
+        channels[topic] = writer.register_channel(topic=topic, message_encoding="json", schema_id=schema_id)
+    start = min(times, default=0)
+    writer.add_message(channels[RIG_TOPIC], start, encode_rig(rig, known), start)
+    for sequence, fit in enumerate(rig.fits):
+        time = times[fit.view.frameset] if 0 <= fit.view.frameset < len(times) else start
+        writer.add_message(channels[VIEWS_TOPIC], time, encode_view(fit), time, sequence)
+
+
+def _calibration(camera: Camera, time: int) -> Any:
+    from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
+
+    lens = camera.intrinsics
+    message = CameraCalibration(frame_id=camera.name, width=lens.width, height=lens.height)
+    message.timestamp.FromNanoseconds(time)
+    pinhole = lens.model == "pinhole"
+    message.distortion_model = "plumb_bob" if pinhole else "kannala_brandt"
+    message.D.extend(float(value) for value in (lens.distortion if pinhole else lens.distortion[:4]))
+    message.K.extend(lens.camera_matrix.ravel().tolist())
+    message.R.extend(np.eye(3).ravel().tolist())
+    message.P.extend(np.column_stack([lens.camera_matrix, np.zeros(3)]).ravel().tolist())
+    return message
+
+
+def _transforms(rig: Rig, times: tuple[int, ...]) -> Iterator[tuple[int, Any]]:
+    """What stands still at the first time, and then each frameset's moving rectangles at its own."""
+    from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
+
+    start = min(times, default=0)
+    still, frame = FrameTransforms(), rig_frame_name(rig)
+    for camera in rig.cameras:
+        _add_transform(still, frame, camera.name, camera.rig_from_camera, start)
+    moving: dict[int, Any] = {}
+    for placed in rig.rectangles:
+        if not placed.rectangle.moving:
+            _add_transform(still, frame, placed.name, placed.rig_from_rect, start)
+            continue
+        for row, frameset in enumerate(placed.framesets):
+            time = times[frameset] if frameset < len(times) else start
+            message = moving.setdefault(time, FrameTransforms())
+            _add_transform(message, frame, placed.name, placed.rig_from_rect[row], time)
+    yield start, still
+    yield from sorted(moving.items())
+
+
+def _add_transform(message: Any, parent: str, child: str, parent_from_child: Pose, time: int) -> None:
+    """foxglove.FrameTransform holds the transform that takes child coordinates to parent coordinates."""
+    if parent == child:
+        return
+    entry = message.transforms.add(parent_frame_id=parent, child_frame_id=child)
+    entry.timestamp.FromNanoseconds(time)
+    entry.translation.x, entry.translation.y, entry.translation.z = parent_from_child.translation.tolist()
+    quaternion = parent_from_child.quaternion().tolist()
+    entry.rotation.x, entry.rotation.y, entry.rotation.z, entry.rotation.w = quaternion
+
+
+def _outline(placed: PlacedRectangle, time: int) -> Any:
+    """The rectangle's outline in its own frame as a foxglove.PointCloud."""
+    from foxglove_schemas_protobuf.PackedElementField_pb2 import PackedElementField
+    from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
+
+    corners = placed.rectangle.corners
+    along = np.linspace(0, 1, _OUTLINE_POINTS, endpoint=False)[:, None]
+    sides = [a + along * (b - a) for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True)]
+    message = PointCloud(frame_id=placed.name, point_stride=12, data=np.concatenate(sides).astype("<f4").tobytes())
+    message.timestamp.FromNanoseconds(time)
+    message.pose.orientation.w = 1
+    for index, name in enumerate("xyz"):
+        message.fields.add(name=name, offset=4 * index, type=PackedElementField.FLOAT32)
+    return message
+
+
+def _version() -> str:
+    try:
+        return importlib.metadata.version("quadrig")
+    except importlib.metadata.PackageNotFoundError:
+        return "unknown"
+
+
+def _first_line(error: Exception) -> str:
+    return (str(error) or type(error).__name__).splitlines()[0]

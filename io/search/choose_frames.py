@@ -1,0 +1,92 @@
+"""A quick look at every image of a recording, small, to choose which are worth searching."""
+
+from concurrent.futures import Executor
+from contextlib import closing
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+
+from quadrig.io.progress import progress_bar
+from quadrig.io.recording.framesets import NO_FRAME, Framesets
+from quadrig.io.recording.image_source import ImageSource
+from quadrig.io.recording.recorded_cameras import Recording
+from quadrig.io.workers import run_tasks
+from quadrig.rig.coach.select_frames import Looks, choose_framesets
+from quadrig.single.rotation import Array
+
+# A JPEG shrinks to a quarter while it is decoded, in a third of the time; motion and focus still show.
+_SHRINK = 4
+# Thumbnails: a board that moved by a tenth of its size is told from one that did not.
+_SIZE = (32, 18)
+_BATCH = 32
+# Where a fifth or less of many framesets is wanted, every other one is looked at: its neighbour shows the same.
+_SMALL_SHARE, _MANY = 0.2, 100
+
+
+@dataclass(frozen=True, eq=False)
+class _Batch:
+    camera: int
+    images: Array
+    source: ImageSource
+
+
+def choose_frames(
+    recording: Recording,
+    framesets: Framesets,
+    share: float = 0.1,
+    progress: bool = True,
+    workers: int | None = None,
+    executor: Executor | None = None,
+) -> Framesets:
+    """The same framesets, but only the images of a chosen share of them: what find_views then searches.
+
+    Indices of framesets stay as they are; a frameset that was not chosen has no images.
+    """
+    step = 2 if share <= _SMALL_SHARE and len(framesets) >= _MANY else 1
+    some = replace(framesets, times=framesets.times[::step], frames=framesets.frames[::step])
+    chosen = step * choose_framesets(look_at(recording, some, progress, workers, executor), step * share)
+    frames = np.full_like(framesets.frames, NO_FRAME)
+    frames[chosen] = framesets.frames[chosen]
+    return replace(framesets, frames=frames)
+
+
+def look_at(
+    recording: Recording,
+    framesets: Framesets,
+    progress: bool = True,
+    workers: int | None = None,
+    executor: Executor | None = None,
+) -> Looks:
+    """Thumbnails and sharpness of all images of the framesets."""
+    shape = framesets.frames.shape
+    thumbnails = np.full((*shape, _SIZE[1], _SIZE[0]), np.nan, np.float32)
+    sharpness = np.full(shape, np.nan)
+    batches, places = [], []
+    for column, name in enumerate(framesets.cameras):
+        source = recording.camera(name).source
+        sets, images = framesets.of_camera(name)
+        for part in source.batches(images, _BATCH):
+            batches.append(_Batch(column, part, source.part(part)))
+            places.append(sets[np.searchsorted(images, part)])
+    total = sum(len(batch.images) for batch in batches)
+    with (
+        closing(run_tasks(_look, batches, workers, executor)) as results,
+        progress_bar("look", total, "images", quiet=not progress) as advance,
+    ):
+        for index, (small, sharp) in results:
+            thumbnails[places[index], batches[index].camera] = small
+            sharpness[places[index], batches[index].camera] = sharp
+            advance(len(sharp))
+    return Looks(thumbnails, sharpness)
+
+
+def _look(batch: _Batch) -> tuple[Array, Array]:
+    """Thumbnails (N, h, w) and sharpness (N,) of the images of a batch; nan where they are unreadable."""
+    small = np.full((len(batch.images), _SIZE[1], _SIZE[0]), np.nan, np.float32)
+    sharp = np.full(len(batch.images), np.nan)
+    for k, image in enumerate(batch.source.images(shrink=_SHRINK)):
+        if image is not None:
+            small[k] = cv2.resize(image, _SIZE, interpolation=cv2.INTER_AREA)
+            sharp[k] = np.sqrt(np.mean(cv2.Laplacian(image, cv2.CV_32F) ** 2))
+    return small, sharp

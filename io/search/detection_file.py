@@ -1,0 +1,215 @@
+"""Detections kept: an MCAP of ImageAnnotations for the eye and of our own exact record for the next solve."""
+
+import hashlib
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from quadrig.io.recording.image_folder import folder_images
+from quadrig.io.recording.mcap_reader import McapBytes, index_mcap
+from quadrig.io.recording.recorded_cameras import RecordedCamera, Recording
+from quadrig.single.errors import QuadrigError
+from quadrig.single.rectangle import Rectangle
+from quadrig.single.rotation import Array
+from quadrig.single.view import View
+
+DETECTIONS_TOPIC = "/quadrig/detections"
+FORMAT = 3
+"""Raised when detection or this record changes, so that old files are not taken for new ones."""
+
+# A few images' worth: what is lost when the process is killed.
+_CHUNK_BYTES = 16 * 1024
+
+
+class ViewRecord(msgspec.Struct):
+    """A View without camera and frameset. JSON writes a float64 so that it comes back to the last bit."""
+
+    rectangle: str
+    points: list[list[float]]
+    pixels: list[list[float]]
+    alternatives: list[list[list[float]]]
+    sigma: float
+
+
+class ImageRecord(msgspec.Struct):
+    """What was found in one image of one camera; views is None where the image could not be read."""
+
+    key: str
+    camera: str
+    image: int
+    stamp: int
+    views: list[ViewRecord] | None
+
+
+Found = dict[tuple[str, int], tuple[View, ...] | None]
+"""Views by camera and image; None where the image could not be read."""
+
+
+def camera_key(recording: Recording, camera: RecordedCamera, rectangles: Sequence[Rectangle]) -> str:
+    """What detections in a camera's images depend on, as a short word: the files, the topic, the markings."""
+    files = [_file_mark(path) for path in recording.files]
+    # A surveyed pose, or whether it moves, changes nothing of what is seen.
+    sheets = [{k: v for k, v in _plain(one).items() if k not in ("moving", "world_from_rect")} for one in rectangles]
+    mark = [FORMAT, files, Path(camera.topic).name, camera.width, camera.height, camera.frames, sheets]
+    return hashlib.blake2b(msgspec.json.encode(mark), digest_size=12).hexdigest()
+
+
+def detections_beside(result: Path) -> Path:
+    """Where the detections behind a result are kept: rig.detections.mcap beside rig.mcap."""
+    return result.with_suffix(".detections.mcap")
+
+
+def read_detections(path: Path, keys: Mapping[str, str]) -> Found:
+    """What is kept in the file for cameras with these keys; nothing where there is no such file, or only others."""
+    found: Found = {}
+    for partial in (path, _partial(path)):
+        for record in _records(partial):
+            if keys.get(record.camera) == record.key:
+                found[record.camera, record.image] = _views(record)
+    return found
+
+
+class DetectionWriter:
+    """Writes what was found, image by image. Made by `keep_detections`."""
+
+    def __init__(self, stream: Any, keys: Mapping[str, str]) -> None:
+        from mcap.writer import CompressionType, Writer
+
+        self._keys = keys
+        self._channels: dict[str, int] = {}
+        self._writer = Writer(stream, chunk_size=_CHUNK_BYTES, compression=CompressionType.LZ4)
+        self._writer.start(profile="", library="quadrig")
+        schema = self._writer.register_schema("quadrig.ImageDetections", "jsonschema", b'{"type": "object"}')
+        self._own = self._writer.register_channel(DETECTIONS_TOPIC, "json", schema)
+
+    def write(self, camera: str, image: int, stamp: int, views: Sequence[View] | None) -> None:
+        """Add one image. views: None where it could not be read."""
+        records = None if views is None else [_record(view) for view in views]
+        record = ImageRecord(self._keys[camera], camera, image, stamp, records)
+        self._writer.add_message(self._own, stamp, msgspec.json.encode(record), stamp)
+        if views:
+            self._writer.add_message(self._channel(camera), stamp, _annotations(views, stamp), stamp)
+
+    def finish(self) -> None:
+        """Write the index."""
+        self._writer.finish()
+
+    def _channel(self, camera: str) -> int:
+        if camera not in self._channels:
+            from foxglove_schemas_protobuf.ImageAnnotations_pb2 import ImageAnnotations
+            from mcap_protobuf.schema import register_schema
+
+            schema = register_schema(self._writer, ImageAnnotations)
+            self._channels[camera] = self._writer.register_channel(f"/{camera}/annotations", "protobuf", schema)
+        return self._channels[camera]
+
+
+@contextmanager
+def keep_detections(
+    path: Path, keys: Mapping[str, str], kept: Found, stamps: Mapping[str, Array]
+) -> Iterator[DetectionWriter]:
+    """A DetectionWriter for `path` that has what was kept before; the file appears whole, also when interrupted.
+
+    A process that is killed leaves a file beside it that the next run reads as far as it goes.
+    Raises QuadrigError where the folder cannot be written to.
+    """
+    partial = _partial(path)
+    beside = partial.with_name(f"{partial.name}-{os.getpid()}")
+    try:
+        stream = beside.open("wb")
+    except OSError as error:
+        raise QuadrigError(f"{path}: cannot be written ({error.strerror}); choose another place") from error
+    try:
+        with stream:
+            writer = DetectionWriter(stream, keys)
+            for (camera, image), views in kept.items():
+                writer.write(camera, image, int(stamps[camera][image]), views)
+            # From here on this file has all that the former partial one had.
+            beside.replace(partial)
+            try:
+                yield writer
+            finally:
+                writer.finish()
+    finally:
+        partial.replace(path)
+
+
+def _partial(path: Path) -> Path:
+    return path.with_name(f".{path.name}.part")
+
+
+def _records(path: Path) -> Iterator[ImageRecord]:
+    if not path.is_file():
+        return
+    try:
+        index = index_mcap(path)
+    except QuadrigError:
+        return
+    file = McapBytes(path)
+    try:
+        for topic in index.topics:
+            if topic.topic == DETECTIONS_TOPIC:
+                for chunk, offset in zip(topic.chunks.tolist(), topic.offsets.tolist(), strict=True):
+                    try:
+                        yield msgspec.json.decode(file.message(chunk, offset), type=ImageRecord)
+                    except msgspec.MsgspecError:
+                        return
+    finally:
+        file.close()
+
+
+def _record(view: View) -> ViewRecord:
+    alternatives = [np.asarray(reading).tolist() for reading in view.alternatives]
+    points, pixels = np.asarray(view.points).tolist(), np.asarray(view.pixels).tolist()
+    return ViewRecord(view.rectangle, points, pixels, alternatives, float(view.sigma))
+
+
+def _views(record: ImageRecord) -> tuple[View, ...] | None:
+    if record.views is None:
+        return None
+    return tuple(
+        View(
+            one.rectangle,
+            np.array(one.points, float).reshape(-1, 3),
+            np.array(one.pixels, float).reshape(-1, 2),
+            camera=record.camera,
+            alternatives=tuple(np.array(reading, float).reshape(-1, 3) for reading in one.alternatives),
+            sigma=one.sigma,
+        )
+        for one in record.views
+    )
+
+
+def _annotations(views: Sequence[View], stamp: int) -> bytes:
+    from foxglove_schemas_protobuf.ImageAnnotations_pb2 import ImageAnnotations
+    from foxglove_schemas_protobuf.PointsAnnotation_pb2 import PointsAnnotation
+
+    message = ImageAnnotations()
+    for view in views:
+        marks = message.points.add(type=PointsAnnotation.POINTS, thickness=4.0)
+        marks.timestamp.FromNanoseconds(stamp)
+        marks.outline_color.r, marks.outline_color.g, marks.outline_color.b = 0.1, 0.9, 0.4
+        marks.outline_color.a = 1.0
+        for x, y in np.asarray(view.pixels).tolist():
+            marks.points.add(x=x, y=y)
+        label = message.texts.add(text=view.rectangle, font_size=14.0)
+        label.timestamp.FromNanoseconds(stamp)
+        label.position.x, label.position.y = np.asarray(view.pixels).mean(axis=0).tolist()
+        label.text_color.r = label.text_color.g = label.text_color.b = label.text_color.a = 1.0
+    return message.SerializeToString()
+
+
+def _file_mark(path: Path) -> list:
+    """Name, size and time of a file, or of every image in a folder: what changes when the pictures do."""
+    parts = folder_images(path) if path.is_dir() else [path]
+    return [[part.name, part.stat().st_size, part.stat().st_mtime_ns] for part in parts]
+
+
+def _plain(rectangle: Rectangle) -> dict[str, Any]:
+    return {**asdict(rectangle), "world_from_rect": None}

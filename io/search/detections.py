@@ -1,0 +1,181 @@
+"""From a recording to Views: every image of its framesets searched for the rectangles, over worker processes."""
+
+import sys
+from collections.abc import Sequence
+from concurrent.futures import Executor
+from contextlib import ExitStack, closing
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from quadrig.io.progress import progress_bar
+from quadrig.io.recording.framesets import Framesets
+from quadrig.io.recording.image_source import ImageSource
+from quadrig.io.recording.recorded_cameras import Recording
+from quadrig.io.search.detection_file import Found, camera_key, keep_detections, read_detections
+from quadrig.io.workers import run_tasks
+from quadrig.single.detect.image_search import detect
+from quadrig.single.rectangle import Rectangle
+from quadrig.single.rotation import Array
+from quadrig.single.view import View
+
+# Images of one task: about a second of work, so that the bar moves and an interrupted run loses little; the first
+# of them is searched whole, so that what was overlooked once is not overlooked for long.
+_BATCH = 32
+# Images this far apart (of 30 a second, a tenth) still show a rectangle near where it was.
+_FOLLOWS = 3
+
+
+@dataclass(frozen=True, eq=False)
+class Detections:
+    """What the images of a recording showed. views: with camera and frameset.
+
+    searched: images searched now; reused: images whose detections were kept; unreadable: images by camera.
+    """
+
+    views: list[View]
+    searched: int
+    reused: int
+    unreadable: dict[str, int]
+
+
+@dataclass(frozen=True, eq=False)
+class _Batch:
+    camera: str
+    images: Array
+    source: ImageSource
+    rectangles: tuple[Rectangle, ...]
+
+
+def find_views(
+    recording: Recording,
+    framesets: Framesets,
+    rectangles: Sequence[Rectangle],
+    progress: bool = True,
+    workers: int | None = None,
+    cache: Path | None = None,
+    executor: Executor | None = None,
+) -> list[View]:
+    """The Views of `find_detections`, in the order of framesets, cameras and detection."""
+    return find_detections(recording, framesets, rectangles, progress, workers, cache, executor).views
+
+
+def find_detections(
+    recording: Recording,
+    framesets: Framesets,
+    rectangles: Sequence[Rectangle],
+    progress: bool = True,
+    workers: int | None = None,
+    cache: Path | None = None,
+    executor: Executor | None = None,
+) -> Detections:
+    """Search the images of the framesets for the rectangles.
+
+    cache: an MCAP that keeps what is found: images that it has are not searched again. executor: runs the tasks
+    instead of a process pool of `workers`. Ctrl-C ends the workers, keeps what was found, and says so.
+    Where nothing at all is found, nothing is kept. Raises QuadrigError where the cache cannot be written or workers
+    keep dying.
+    """
+    keys = {camera.name: camera_key(recording, camera, rectangles) for camera in recording.cameras}
+    found = read_detections(cache, keys) if cache is not None else {}
+    batches = _batches(recording, framesets, tuple(rectangles), found)
+    searched = sum(len(batch.images) for batch in batches)
+    reused = sum(len(framesets.of_camera(camera.name)[1]) for camera in recording.cameras) - searched
+    if batches:
+        _search(recording, batches, found, keys, progress, workers, cache, executor)
+        if cache is not None and not any(found.values()):
+            cache.unlink()
+    return Detections(_in_order(recording, framesets, found), searched, reused, _unreadable(framesets, found))
+
+
+def search_images(
+    source: ImageSource, images: Array, rectangles: Sequence[Rectangle]
+) -> list[tuple[View, ...] | None]:
+    """The Views of each image of a source, whose indices in the recording are given; None where it is unreadable.
+
+    Rectangles are looked for where the image before had them, which is several times quicker; the first image, and
+    each that does not follow on another, is searched whole.
+    """
+    found: list[tuple[View, ...] | None] = []
+    before: tuple[View, ...] | None = None
+    previous = -_FOLLOWS - 1
+    for index, image in zip(images.tolist(), source.images(), strict=True):
+        near = before if index - previous <= _FOLLOWS else None
+        before = None if image is None else tuple(detect(image, rectangles, near=near))
+        found.append(before)
+        previous = index
+    return found
+
+
+def _search_batch(batch: _Batch) -> list[tuple[View, ...] | None]:
+    return search_images(batch.source, batch.images, batch.rectangles)
+
+
+def _batches(
+    recording: Recording, framesets: Framesets, rectangles: tuple[Rectangle, ...], found: Found
+) -> list[_Batch]:
+    """The images that are still to be searched, in the order of their time, so that the disk reads forward."""
+    batches: list[tuple[int, _Batch]] = []
+    for camera in recording.cameras:
+        sets, images = framesets.of_camera(camera.name)
+        todo = np.array([(camera.name, image) not in found for image in images.tolist()], bool)
+        starts = dict(zip(images.tolist(), sets.tolist(), strict=True))
+        for part in camera.source.batches(images[todo], _BATCH):
+            batches.append((starts[int(part[0])], _Batch(camera.name, part, camera.source.part(part), rectangles)))
+    return [batch for _, batch in sorted(batches, key=lambda pair: pair[0])]
+
+
+def _search(
+    recording: Recording,
+    batches: Sequence[_Batch],
+    found: Found,
+    keys: dict[str, str],
+    progress: bool,
+    workers: int | None,
+    cache: Path | None,
+    executor: Executor | None,
+) -> None:
+    """Fill `found`, and the cache as it grows."""
+    stamps = {camera.name: camera.stamps for camera in recording.cameras}
+    total, done = sum(len(batch.images) for batch in batches), 0
+    try:
+        with ExitStack() as stack:
+            writer = stack.enter_context(keep_detections(cache, keys, found, stamps)) if cache else None
+            results = stack.enter_context(closing(run_tasks(_search_batch, batches, workers, executor)))
+            advance = stack.enter_context(progress_bar("detect", total, "images", quiet=not progress))
+            for index, result in results:
+                batch = batches[index]
+                for image, views in zip(batch.images.tolist(), result, strict=True):
+                    found[batch.camera, image] = views
+                    if writer is not None:
+                        writer.write(batch.camera, image, int(stamps[batch.camera][image]), views)
+                done += len(batch.images)
+                advance(len(batch.images))
+    except KeyboardInterrupt:
+        kept = f"kept in {cache}; the same command goes on from there" if cache else "not kept"
+        print(f"stopped: {done} of {total} images were searched, {kept}", file=sys.stderr)
+        raise
+
+
+def _in_order(recording: Recording, framesets: Framesets, found: Found) -> list[View]:
+    """Views by frameset, with the time of their image in seconds since the first frameset."""
+    stamps = {camera.name: camera.stamps for camera in recording.cameras}
+    views = []
+    for column, camera in enumerate(framesets.cameras):
+        sets, images = framesets.of_camera(camera)
+        for frameset, image in zip(sets.tolist(), images.tolist(), strict=True):
+            time = (int(stamps[camera][image]) - int(framesets.times[0])) / 1e9
+            for view in found.get((camera, image)) or ():
+                views.append((frameset, column, replace(view, camera=camera, frameset=frameset, time=time)))
+    return [view for _, _, view in sorted(views, key=lambda entry: entry[:2])]
+
+
+def _unreadable(framesets: Framesets, found: Found) -> dict[str, int]:
+    counts = {}
+    for camera in framesets.cameras:
+        images = framesets.of_camera(camera)[1].tolist()
+        missing = sum((camera, image) in found and found[camera, image] is None for image in images)
+        if missing:
+            counts[camera] = missing
+    return counts

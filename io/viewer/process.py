@@ -1,0 +1,125 @@
+"""The rerun viewer as a process: found, started, and ended with us."""
+
+import contextlib
+import os
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from quadrig.single.errors import QuadrigError
+
+# A viewer that is opened needs this long (s) to listen, a slow machine more; one without a display dies in a tenth.
+_OPENING_SECONDS, _WINDOW_SECONDS = 15.0, 1.0
+_NICE = 5
+# What a viewer keeps of a session: pictures of a few minutes.
+_MEMORY = "512MiB"
+
+
+class Viewer:
+    """A rerun viewer in a process of its own, bound to this machine alone.
+
+    web: a page for a browser instead of a window. options: of the `rerun` program, for a viewer without a window.
+    Raises QuadrigError where it does not open.
+    """
+
+    def __init__(self, web: bool = False, options: Sequence[str] = ()) -> None:
+        if not (web or options or has_screen()):
+            raise QuadrigError("there is no screen here for the rerun viewer; use --web for a browser or --no-viewer")
+        port, self.page = free_port(), ""
+        command = [_executable(), "--bind", "127.0.0.1", "--port", str(port), "--memory-limit", _MEMORY, *options]
+        if web:
+            web_port = free_port()
+            command += ["--serve-web", "--web-viewer-port", str(web_port)]
+            self.page = f"http://127.0.0.1:{web_port}/?url=rerun%2Bhttp://127.0.0.1:{port}/proxy"
+        self.address = f"rerun+http://127.0.0.1:{port}/proxy"
+        self._stays = not (web or options)
+        # In a session of its own: a Ctrl-C that ends ours leaves the window with the result.
+        self._process = subprocess.Popen(
+            command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True
+        )
+        if hasattr(os, "setpriority"):
+            # Drawing takes all it can get, in software most of all: the search comes first.
+            os.setpriority(os.PRIO_PROCESS, self._process.pid, _NICE)
+        try:
+            self._wait_for(port)
+        except BaseException:
+            self.close(force=True)
+            raise
+
+    @property
+    def open(self) -> bool:
+        """Whether it still runs."""
+        return self._process.poll() is None
+
+    def _wait_for(self, port: int) -> None:
+        until = time.monotonic() + _OPENING_SECONDS
+        while time.monotonic() < until and self.open:
+            try:
+                socket.create_connection(("127.0.0.1", port), timeout=0.2).close()
+                # It listens before it opens its window, and dies where it cannot.
+                self._process.wait(_WINDOW_SECONDS if self._stays else 0.0)
+            except subprocess.TimeoutExpired:
+                return
+            except OSError:
+                time.sleep(0.05)
+        raise QuadrigError("the rerun viewer does not open here; use --web for a browser or --no-viewer")
+
+    def close(self, force: bool = False) -> None:
+        """A window stays for who wants to look at the result; a page for a browser goes with the session."""
+        if (self._stays and not force) or self._process.poll() is not None:
+            return
+        import psutil
+
+        # The `rerun` that is on the path is a script that waits for the program which does the work.
+        try:
+            family = psutil.Process(self._process.pid).children(recursive=True)
+        except psutil.NoSuchProcess:
+            family = []
+        for process in family:
+            process.terminate()
+        self._process.terminate()
+        self._process.wait()
+
+
+def has_screen() -> bool:
+    """Whether a window can open here."""
+    # Elsewhere than on Linux a window opens wherever a person can start the command.
+    named = ("DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET")
+    return not sys.platform.startswith("linux") or any(os.environ.get(name) for name in named)
+
+
+def free_port() -> int:
+    """A port of 127.0.0.1 that nobody listens on."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
+
+
+def _executable() -> str:
+    """The viewer that came with this Python's rerun, or another on the path."""
+    beside = Path(sys.executable).with_name("rerun")
+    found = str(beside) if beside.exists() else shutil.which("rerun")
+    if not found:
+        raise QuadrigError("there is no rerun viewer here; install rerun-sdk, or use --no-viewer")
+    return found
+
+
+@contextlib.contextmanager
+def ends_with_us(viewer: "Viewer") -> Iterator["Viewer"]:
+    """A viewer that is closed when the block ends, by whatever signal: it has a session of its own, else it stays."""
+    ends = (signal.SIGINT, signal.SIGTERM)
+    before = signal.getsignal(signal.SIGINT), signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        yield viewer
+    finally:
+        # Whoever is impatient and asks again would leave it behind.
+        for one in ends:
+            signal.signal(one, signal.SIG_IGN)
+        viewer.close()
+        for one, handler in zip(ends, before, strict=True):
+            signal.signal(one, handler)

@@ -1,0 +1,85 @@
+"""Ways to show something in rerun, the same for every command: a file, a picture, a page for a browser, a window."""
+
+import contextlib
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from quadrig.io.viewer.process import ends_with_us
+from quadrig.io.whole_file import written_beside
+from quadrig.single.errors import QuadrigError
+
+if TYPE_CHECKING:
+    pass
+
+
+@dataclass(frozen=True, eq=False)
+class Shown:
+    """What is shown: a rerun.blueprint.Blueprint, and what logs it to a rerun.RecordingStream.
+
+    The flag of log says that one look is all there will be: of many pictures the last are enough."""
+
+    blueprint: Any
+    log: Callable[[Any, bool], None]
+
+
+def show(shown: Shown, save: Path | None, web: bool, screenshot: Path | None) -> None:
+    """In every way that is asked for; a page is served until Ctrl-C."""
+    if save is not None:
+        save_rrd(shown, save)
+        print(f"written: {save}", file=sys.stderr)
+    if screenshot is not None:
+        from quadrig.io.viewer.screenshot import take_screenshot
+
+        take_screenshot(lambda address: _send(shown, address, one_look=True), screenshot)
+        print(f"written: {screenshot}", file=sys.stderr)
+    if web:
+        _serve(shown)
+
+
+def open_window(shown: Shown) -> None:
+    """A window that stays. Raises QuadrigError where there is no screen."""
+    from quadrig.io.viewer.process import Viewer, has_screen
+
+    if not has_screen():
+        raise QuadrigError("there is no screen here; use --web, or write --save x.rrd or --screenshot x.png")
+    _send(shown, Viewer().address)
+
+
+def save_rrd(shown: Shown, path: Path) -> None:
+    """Write an .rrd file, whole or not at all."""
+    with written_beside(path) as beside:
+        stream = _stream()
+        stream.save(str(beside), default_blueprint=shown.blueprint)
+        _log(shown, stream)
+
+
+def _serve(shown: Shown) -> None:
+    from quadrig.io.viewer.process import Viewer
+
+    with contextlib.suppress(KeyboardInterrupt), ends_with_us(Viewer(web=True)) as viewer:
+        _send(shown, viewer.address)
+        print(f"{viewer.page}\nCtrl-C ends it", flush=True)
+        while True:
+            time.sleep(3600)
+
+
+def _send(shown: Shown, address: str, one_look: bool = False) -> None:
+    stream = _stream()
+    stream.connect_grpc(address, default_blueprint=shown.blueprint)
+    _log(shown, stream, one_look)
+
+
+def _stream() -> Any:
+    import rerun as rr
+
+    return rr.RecordingStream("quadrig")
+
+
+def _log(shown: Shown, stream: Any, one_look: bool = False) -> None:
+    shown.log(stream, one_look)
+    stream.flush()
+    stream.disconnect()

@@ -1,0 +1,267 @@
+"""The joint adjustment: all lenses, camera poses and rectangle poses at once, to the least weighted squares.
+
+Levenberg-Marquardt on the Schur complement (Triggs et al., "Bundle adjustment - a modern synthesis", 2000).
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from quadrig.rig.adjustment.normal_equations import (
+    Layout,
+    Linearised,
+    Normal,
+    State,
+    chain_derivatives,
+    layout,
+    linearise,
+    normal_equations,
+)
+from quadrig.rig.adjustment.schur import Reduced, eliminate, node_steps, solve_cameras
+from quadrig.rig.adjustment.slack import SlackPrior, Softened, slack_steps, soften
+from quadrig.rig.problem.observations import Observations
+from quadrig.single.rotation import Array
+
+# A step that is expected to lower chi-square by less than this moves every parameter by less than a thousandth
+# of its own sigma: nothing that a result prints can change.
+CONVERGED = 1e-6
+# Clocks are known to a second beforehand (1/s^2): this holds their common offset, which nothing else does.
+_CLOCK_INFORMATION = 1.0
+# Near a minimum each fall of chi-square is a share of the last one: as small as the last two show, but Gauss-Newton's
+# neglect of residuals keeps it from getting much smaller than this (0.004 seen).
+_SLOWEST = 0.01
+_FIRST_DAMPING = 1e-5
+# Past this damping a step is shorter than rounding; the state is at a minimum, or cannot be left.
+_LAST_DAMPING = 1e8
+
+
+@dataclass(frozen=True, eq=False)
+class Freedom:
+    """What may change, and what is known beforehand.
+
+    lens (C, 9) bool, pose (C,) bool, node (N,) bool. prior_mean, prior_information (C, 9): independent Gaussian
+    priors of the lens parameters, information in 1/sigma^2, zero for none. slack: the prior of each View's slack,
+    None where no View has any.
+    """
+
+    lens: Array
+    pose: Array
+    node: Array
+    prior_mean: Array
+    prior_information: Array
+    slack: SlackPrior | None = None
+
+    @property
+    def columns(self) -> Array:
+        """Indices of the lens parameters that any camera estimates."""
+        return np.flatnonzero(self.lens.any(axis=0))
+
+    def unknowns(self, columns: Array, state: State) -> Array:
+        """(C, M) bool: which unknowns of the reduced system are estimated at a state."""
+        parts = [self.lens[:, columns], np.repeat(self.pose[:, None], 6, axis=1)]
+        if state.motion is not None and state.offsets is not None:
+            parts.append(state.motion.free[:, None])
+        return np.concatenate(parts, axis=1)
+
+
+@dataclass(frozen=True, eq=False)
+class Adjustment:
+    """Where the adjustment ended. costs: chi-square (with priors) at each step that was kept.
+
+    linearised, normal: at the end, undamped; normal includes the priors. softened: what leads to the slack.
+    """
+
+    state: State
+    costs: tuple[float, ...]
+    linearised: Linearised
+    normal: Normal
+    layout: Layout
+    columns: Array
+    softened: Softened | None = None
+
+
+def adjust(
+    observations: Observations,
+    state: State,
+    freedom: Freedom,
+    noise: float,
+    robust: bool = False,
+    most_steps: int = 50,
+    tables: Layout | None = None,
+    tolerance: float = CONVERGED,
+) -> Adjustment:
+    """The state of least cost that can be reached from `state`.
+
+    noise: sigma (px) of a pixel coordinate of weight 1. robust: Cauchy's loss instead of squares. tolerance: the
+    fall of chi-square to be expected of a further step, below which none is taken.
+    """
+    problem = _Adjusted(observations, freedom, tables or layout(observations), freedom.columns, noise, robust)
+    if freedom.slack is not None and state.slack is None:
+        state = replace(state, slack=np.zeros((len(observations.camera), 6)))
+    here = _expand(problem, state)
+    costs, damping = [here.cost], _FIRST_DAMPING
+    last = 0.0
+    while len(costs) <= most_steps:
+        found = _better(problem, here, damping)
+        if found is None:
+            break
+        here, expected, damping = found
+        costs.append(here.cost)
+        share = expected / last if last > expected else 1.0
+        if expected * max(share, _SLOWEST) < tolerance:
+            break
+        last = expected
+    return Adjustment(
+        here.state, tuple(costs), here.linearised, here.normal, problem.tables, problem.columns, here.softened
+    )
+
+
+def with_noise(
+    found: Adjustment, observations: Observations, freedom: Freedom, before: float, after: float
+) -> Adjustment:
+    """The end of an adjustment by least squares without slack, as if the noise had been another (px).
+
+    Priors weigh otherwise then: the step to the new minimum is so short that the derivatives stay what they are.
+    """
+    gram = found.linearised.gram * (before / after) ** 2
+    found = replace(found, normal=_normal(observations, found, freedom, gram))
+    reduced = undamped(found, freedom)
+    steps = solve_cameras(reduced)
+    poses = node_steps(found.normal, found.layout, reduced, steps)
+    by_view = view_steps(observations, found.state, steps, poses, len(found.columns))
+    # The residuals after the step, to first order: r - J step.
+    shift = np.zeros_like(gram)
+    shift[:] = np.eye(gram.shape[-1])
+    shift[:, :-1, -1] = -by_view
+    gram = np.swapaxes(shift, -1, -2) @ gram @ shift
+    state = _stepped(observations, found.columns, found.state, None, steps, poses)
+    linearised = replace(found.linearised, gram=gram, cost=float(gram[:, -1, -1].sum()))
+    moved = replace(found, state=state, linearised=linearised)
+    return replace(moved, normal=_normal(observations, moved, freedom, gram))
+
+
+def _normal(observations: Observations, found: Adjustment, freedom: Freedom, gram: Array) -> Normal:
+    normal = normal_equations(observations, found.layout, found.state, gram)
+    return with_prior(normal, found.state, freedom, found.columns)
+
+
+@dataclass(frozen=True, eq=False)
+class _Adjusted:
+    """What stays the same through one adjustment."""
+
+    observations: Observations
+    freedom: Freedom
+    tables: Layout
+    columns: Array
+    noise: float
+    robust: bool
+
+
+@dataclass(frozen=True, eq=False)
+class _Expansion:
+    """The cost and its quadratic model at a state."""
+
+    state: State
+    cost: float
+    linearised: Linearised
+    normal: Normal
+    softened: Softened | None
+
+
+def _linearised(problem: _Adjusted, state: State) -> tuple[Linearised, float]:
+    found = linearise(problem.observations, state, problem.columns, problem.noise, problem.robust)
+    return found, found.cost + _prior_cost(state, problem.freedom)
+
+
+def _expand(problem: _Adjusted, state: State, known: tuple[Linearised, float] | None = None) -> _Expansion:
+    linearised, cost = known or _linearised(problem, state)
+    prior, softened, gram = problem.freedom.slack, None, linearised.gram
+    if prior is not None and state.slack is not None:
+        softened = soften(gram, state.slack, prior.information)
+        gram = softened.gram
+    normal = normal_equations(problem.observations, problem.tables, state, gram)
+    return _Expansion(state, cost, linearised, with_prior(normal, state, problem.freedom, problem.columns), softened)
+
+
+def _better(problem: _Adjusted, here: _Expansion, damping: float) -> tuple[_Expansion, float, float] | None:
+    """The next state of lower cost, the fall that was expected, and the next damping; None at a minimum."""
+    freedom, normal = problem.freedom, here.normal
+    unknowns, first = freedom.unknowns(problem.columns, here.state), damping
+    while damping < _LAST_DAMPING:
+        try:
+            reduced = eliminate(normal, problem.tables, unknowns, freedom.node, damping)
+            steps = solve_cameras(reduced)
+        except np.linalg.LinAlgError:
+            damping *= 100
+            continue
+        poses = node_steps(normal, problem.tables, reduced, steps)
+        expected = float((steps * normal.camera_gradient * unknowns).sum() + (poses * normal.node_gradient).sum())
+        trial = _stepped(problem.observations, problem.columns, here.state, here.softened, steps, poses)
+        found = _linearised(problem, trial)
+        # At the very minimum rounding decides whether the cost still falls: equal to its last digits is as good.
+        if found[1] <= here.cost * (1 + 1e-14):
+            # What was just too little damping would be so again.
+            return _expand(problem, trial, found), expected, damping / 10 if damping == first else damping
+        if expected < CONVERGED:
+            return None
+        damping = max(damping, 1e-6) * 10
+    return None
+
+
+def followed(found: Adjustment, observations: Observations, reduced: Reduced, steps: Array) -> State:
+    """The state after steps (C, M) of the cameras from the end of an adjustment; all else follows."""
+    poses = node_steps(found.normal, found.layout, reduced, steps)
+    return _stepped(observations, found.columns, found.state, found.softened, steps, poses)
+
+
+def _stepped(
+    observations: Observations, columns: Array, state: State, softened: Softened | None, steps: Array, poses: Array
+) -> State:
+    count = len(columns)
+    lens = np.zeros_like(state.lens)
+    lens[:, columns] = steps[:, :count]
+    slack = state.slack
+    if softened is not None and slack is not None:
+        slack = slack + slack_steps(softened, view_steps(observations, state, steps, poses, count))
+    offsets = None if state.offsets is None else state.offsets + steps[:, count + 6 :].sum(axis=1)
+    return replace(state.moved(lens, steps[:, count : count + 6], poses), slack=slack, offsets=offsets)
+
+
+def view_steps(observations: Observations, state: State, steps: Array, poses: Array, lens: int) -> Array:
+    """Steps (V, K + 6) of lens and chained camera_from_rect, of steps of the cameras (C, M) and nodes (N, 6).
+
+    lens: K, how many of a camera's unknowns are the lens's.
+    """
+    by_camera, by_node = chain_derivatives(observations, state)
+    own = steps[observations.camera]
+    chained = by_camera @ own[:, lens:, None] + by_node @ poses[observations.node][..., None]
+    return np.concatenate([own[:, :lens], chained[..., 0]], axis=1)
+
+
+def _prior_cost(state: State, freedom: Freedom) -> float:
+    cost = float((freedom.prior_information * freedom.lens * (state.lens - freedom.prior_mean) ** 2).sum())
+    if freedom.slack is not None and state.slack is not None:
+        held = np.where(freedom.slack.loose[:, None], freedom.slack.information, 0.0)
+        cost += float((held * state.slack**2).sum())
+    if state.offsets is not None:
+        cost += float((state.offsets**2).sum()) * _CLOCK_INFORMATION
+    return cost
+
+
+def with_prior(normal: Normal, state: State, freedom: Freedom, columns: Array) -> Normal:
+    """The normal equations with the priors of the lens parameters added."""
+    information = (freedom.prior_information * freedom.lens)[:, columns]
+    cameras, gradient = normal.cameras.copy(), normal.camera_gradient.copy()
+    place = np.arange(len(columns))
+    cameras[:, place, place] += information
+    gradient[:, place] += information * (freedom.prior_mean - state.lens)[:, columns]
+    if state.offsets is not None and state.motion is not None:
+        cameras[:, -1, -1] += _CLOCK_INFORMATION
+        gradient[:, -1] -= _CLOCK_INFORMATION * state.offsets
+    return replace(normal, cameras=cameras, camera_gradient=gradient)
+
+
+def undamped(adjustment: Adjustment, freedom: Freedom) -> Reduced:
+    """The reduced system at the end of an adjustment, for covariances and tests."""
+    unknowns = freedom.unknowns(adjustment.columns, adjustment.state)
+    return eliminate(adjustment.normal, adjustment.layout, unknowns, freedom.node)

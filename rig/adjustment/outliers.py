@@ -1,0 +1,68 @@
+"""Which corners and Views do not belong: judged against the noise that the data itself shows."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from quadrig.rig.problem.observations import Observations
+from quadrig.single.rotation import Array
+
+# A Gaussian corner strays past 5 sigma (in two dimensions) once in 270,000: losing it costs nothing, and what
+# strays further is a fault.
+_FAR = 25.0
+# A View of which this share of the corners is off is wrong as a whole (its id, its order, its instant).
+_WHOLE_VIEW = 0.5
+# Corner noise that a detector is known for, px.
+USUAL_NOISE = 0.3
+USUAL_WEIGHT = 4.0
+"""Weight of what is known of the noise beforehand, in degrees of freedom: it matters where the data has few."""
+
+
+@dataclass(frozen=True, eq=False)
+class Judged:
+    """weights: for each group (V, P), zero where a corner is out. rejected (views,) bool: Views out as a whole."""
+
+    weights: tuple[Array, ...]
+    rejected: Array
+
+
+def judge(observations: Observations, squares: tuple[Array, ...], noise: float) -> Judged:
+    """Sort corners into those within 5 sigma and those that are not, from squared residuals (px^2)."""
+    rejected = np.zeros(len(observations.camera), bool)
+    weights = []
+    for group, square in zip(observations.groups, squares, strict=True):
+        carries = group.weights > 0
+        far = carries & ~(square * group.certainty < _FAR * noise**2)
+        share = far.sum(axis=1) / np.maximum(carries.sum(axis=1), 1)
+        # Three corners cannot place a rectangle twice over: a View needs four that agree, or half of a board's.
+        whole = share >= _WHOLE_VIEW
+        rejected[group.view] = whole
+        weights.append(np.where(far | whole[:, None], 0.0, group.weights))
+    return Judged(tuple(weights), rejected)
+
+
+def noise_of(chi_square: float, freedom: float, usual: float = USUAL_NOISE) -> float:
+    """Sigma (px) of a coordinate, from a sum of weighted squares (px^2) of so many degrees of freedom.
+
+    usual: px, what it was expected to be; counts as USUAL_WEIGHT degrees of freedom."""
+    total = chi_square + USUAL_WEIGHT * usual**2
+    return float(np.sqrt(total / (max(freedom, 0.0) + USUAL_WEIGHT)))
+
+
+def robust_noise(observations: Observations, squares: tuple[Array, ...], unknowns: float = 0.0) -> float:
+    """Sigma (px) of a coordinate from the median squared residual, which outliers do not move.
+
+    unknowns: how many numbers were fitted to the Views; what they took up does not show in the residuals.
+    """
+    values = [
+        (square * group.certainty)[(group.weights > 0) & np.isfinite(square)]
+        for group, square in zip(observations.groups, squares, strict=True)
+    ]
+    every = np.concatenate(values) if values else np.zeros(0)
+    if not len(every):
+        return USUAL_NOISE
+    coordinates = 2 * observations.count
+    # Where nearly all is taken up, the rest says little: it counts for a tenth at least.
+    left = max(coordinates - unknowns, 0.1 * coordinates) / coordinates
+    # The median of a squared length of two unit Gaussians is 2 ln 2.
+    return float(np.sqrt(np.median(every) / (2 * np.log(2)) / left))

@@ -1,0 +1,187 @@
+"""Solve the normal equations: rectangle poses eliminated in 6x6 batches, cameras dense or banded."""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from quadrig.rig.adjustment.normal_equations import Layout, Normal
+from quadrig.single.rotation import Array
+
+if TYPE_CHECKING:
+    import scipy.sparse
+
+# Added to the diagonal of each 6x6 block (1/rad^2, 1/m^2): far below any information a View carries, and enough to
+# invert the block of a pose all of whose points were left out.
+_EMPTY_NODE = 1e-9
+# A banded factorisation costs n b^2 against n^3 / 3: below this share of the size the band wins in practice, since
+# dense blocks run on matrix products.
+_BAND_SHARE = 0.2
+# Beyond so many places for every pair of camera and rectangle pose that met, zeros cost more than they save.
+_MOST_EMPTY = 4
+# Below this many unknowns the dense factorisation takes no time worth saving.
+_SMALL_SYSTEM = 400
+
+
+@dataclass(frozen=True, eq=False)
+class Reduced:
+    """The system over the cameras: blocks (B, M, M) at (block_left <= block_right), right-hand side (C, M).
+
+    free (C, M): which unknowns are estimated. node_inverse (N, 6, 6): zero for a node that stands fixed.
+    """
+
+    blocks: Array
+    left: Array
+    right: Array
+    gradient: Array
+    free: Array
+    node_inverse: Array
+
+
+def eliminate(normal: Normal, layout: Layout, free: Array, free_nodes: Array, damping: float = 0.0) -> Reduced:
+    """Schur complement on the cameras. damping: share of each diagonal element that is added to it (Marquardt)."""
+    inverse = node_inverses(normal, damping)
+    inverse[~free_nodes] = 0.0
+    through = normal.pairs @ inverse[layout.pair_node]
+    blocks = -_met(through, normal, layout, len(free))
+    diagonal = layout.diagonal
+    blocks[diagonal] += _damped(normal.cameras, damping)[layout.block_left[diagonal]]
+    pulled = (through @ normal.node_gradient[layout.pair_node][..., None])[..., 0]
+    gradient = normal.camera_gradient - layout.pair_by_camera(pulled)
+    return Reduced(blocks, layout.block_left, layout.block_right, gradient, free, inverse)
+
+
+def _met(through: Array, normal: Normal, layout: Layout, cameras: int) -> Array:
+    """Blocks (B, M, M): what the rectangle poses tie every two cameras together with."""
+    nodes, (count, size, _) = len(normal.nodes), normal.pairs.shape
+    if cameras * nodes > _MOST_EMPTY * count:
+        meeting = through[layout.meeting_left] @ np.swapaxes(normal.pairs[layout.meeting_right], -1, -2)
+        return layout.meeting_by_block(meeting)
+    # Where most cameras see most rectangles one large product, zeros and all, is quicker than many small ones.
+    left, right = np.zeros((2, cameras, size, nodes, 6))
+    left[layout.pair_camera, :, layout.pair_node] = through
+    right[layout.pair_camera, :, layout.pair_node] = normal.pairs
+    product = left.reshape(cameras * size, -1) @ right.reshape(cameras * size, -1).T
+    return product.reshape(cameras, size, cameras, size)[layout.block_left, :, layout.block_right]
+
+
+def node_inverses(normal: Normal, damping: float = 0.0) -> Array:
+    """Inverses (N, 6, 6) of the rectangle poses' own blocks: their covariances, were all cameras known."""
+    return np.linalg.inv(_damped(normal.nodes, damping) + _EMPTY_NODE * np.eye(6))
+
+
+def _damped(blocks: Array, damping: float) -> Array:
+    if damping == 0:
+        return blocks
+    return blocks * (1 + damping * np.eye(blocks.shape[-1]))
+
+
+def solve_cameras(reduced: Reduced) -> Array:
+    """The steps (C, M) of lenses and camera poses. Raises numpy.linalg.LinAlgError where they are not determined."""
+    return solve_for(reduced, np.where(reduced.free, reduced.gradient, 0.0).ravel()).reshape(reduced.free.shape)
+
+
+def solve_for(reduced: Reduced, right: Array) -> Array:
+    """The reduced system solved for right-hand sides (C M,) or (C M, R)."""
+    band = _band(reduced)
+    return _solve_dense(reduced, right) if band is None else _solve_banded(reduced, right, *band)
+
+
+def node_steps(normal: Normal, layout: Layout, reduced: Reduced, camera_steps: Array) -> Array:
+    """The steps (N, 6) of the rectangle poses that go with steps of the cameras."""
+    pulled = (np.swapaxes(normal.pairs, -1, -2) @ camera_steps[layout.pair_camera][..., None])[..., 0]
+    gradient = normal.node_gradient - layout.pair_by_node(pulled)
+    return (reduced.node_inverse @ gradient[..., None])[..., 0]
+
+
+def dense_matrix(reduced: Reduced) -> Array:
+    """The reduced matrix (C M, C M); rows and columns that are not free are those of the unit matrix."""
+    matrix = _dense(reduced.blocks, reduced.left, reduced.right, len(reduced.free))
+    free = reduced.free.ravel()
+    matrix[~free] = 0.0
+    matrix[:, ~free] = 0.0
+    matrix[~free, ~free] = 1.0
+    return matrix
+
+
+def _dense(blocks: Array, left: Array, right: Array, cameras: int) -> Array:
+    size = blocks.shape[-1]
+    matrix = np.zeros((cameras, size, cameras, size))
+    matrix[left, :, right, :] = blocks
+    matrix[right, :, left, :] = np.swapaxes(blocks, -1, -2)
+    return matrix.reshape(cameras * size, cameras * size)
+
+
+def block_matrix(blocks: Array, left: Array, right: Array, cameras: int) -> "Array | scipy.sparse.csr_array":
+    """The symmetric matrix (C M, C M) of blocks (B, M, M) at (left <= right), sparse where it is large."""
+    size = blocks.shape[-1]
+    if cameras * size < _SMALL_SYSTEM:
+        return _dense(blocks, left, right, cameras)
+    from scipy.sparse import coo_array
+
+    off = left != right
+    values = np.concatenate([blocks, np.swapaxes(blocks[off], -1, -2)])
+    row = np.concatenate([left, right[off]])[:, None, None] * size + np.arange(size)[:, None]
+    column = np.concatenate([right, left[off]])[:, None, None] * size + np.arange(size)
+    place = [axis.ravel() for axis in np.broadcast_arrays(row, column)]
+    return coo_array((values.ravel(), place), shape=(cameras * size, cameras * size)).tocsr()
+
+
+def _solve_dense(reduced: Reduced, right: Array) -> Array:
+    from scipy.linalg import cho_factor, cho_solve
+
+    matrix = dense_matrix(reduced)
+    scale = 1 / np.sqrt(np.maximum(np.diagonal(matrix), np.finfo(float).tiny))
+    factor = cho_factor(matrix * scale * scale[:, None], lower=True, check_finite=False)
+    scaled = right * (scale if right.ndim == 1 else scale[:, None])
+    solution = cho_solve(factor, scaled, check_finite=False)
+    return solution * (scale if right.ndim == 1 else scale[:, None])
+
+
+def _band(reduced: Reduced) -> tuple[Array, int] | None:
+    """An order of cameras that keeps who meets whom near the diagonal, and its width; None where dense is as good."""
+    cameras, size = reduced.free.shape
+    if cameras * size < _SMALL_SYSTEM:
+        return None
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import reverse_cuthill_mckee
+
+    left, right = np.concatenate([reduced.left, reduced.right]), np.concatenate([reduced.right, reduced.left])
+    graph = coo_array((np.ones(len(left)), (left, right)), shape=(cameras, cameras)).tocsr()
+    place = np.empty(cameras, int)
+    place[reverse_cuthill_mckee(graph, symmetric_mode=True)] = np.arange(cameras)
+    width = int(np.abs(place[reduced.left] - place[reduced.right]).max())
+    return (place, width) if width < _BAND_SHARE * cameras else None
+
+
+def _solve_banded(reduced: Reduced, right: Array, place: Array, width: int) -> Array:
+    from scipy.linalg import solveh_banded
+
+    cameras, size = reduced.free.shape
+    band = np.zeros(((width + 1) * size, cameras * size))
+    swap = place[reduced.left] < place[reduced.right]
+    low = np.where(swap, place[reduced.right], place[reduced.left])
+    high = np.where(swap, place[reduced.left], place[reduced.right])
+    masked = reduced.blocks * reduced.free[reduced.left][:, :, None] * reduced.free[reduced.right][:, None, :]
+    blocks = np.where(swap[:, None, None], np.swapaxes(masked, -1, -2), masked)
+    row = low[:, None, None] * size + np.arange(size)[:, None]
+    column = high[:, None, None] * size + np.arange(size)
+    row, column = np.broadcast_arrays(row, column)
+    lower = row >= column
+    band[(row - column)[lower], column[lower]] = blocks[lower]
+    index = (place[:, None] * size + np.arange(size)).ravel()
+    band[0, index[~reduced.free.ravel()]] = 1.0
+    scale = 1 / np.sqrt(np.maximum(band[0], np.finfo(float).tiny))
+    for offset in range(len(band)):
+        band[offset, : band.shape[1] - offset] *= scale[offset:] * scale[: band.shape[1] - offset]
+    ordered = np.zeros_like(right)
+    ordered[index] = right
+    column_scale = scale if right.ndim == 1 else scale[:, None]
+    solution = solveh_banded(band, ordered * column_scale, lower=True, overwrite_ab=True, check_finite=False)
+    return (solution * column_scale)[index]
+
+
+def reduced_inverse(reduced: Reduced) -> Array:
+    """Inverse (C M, C M) of the reduced matrix: the covariance of lenses and camera poses; zero where not free."""
+    inverse = solve_for(reduced, np.diag(reduced.free.ravel().astype(float)))
+    return (inverse + inverse.T) / 2

@@ -1,0 +1,321 @@
+"""Coaching: of all that could be said to the person with the sheet, the one sentence that lowers the doubt most."""
+
+from collections.abc import Collection, Iterable, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+import numpy as np
+
+from quadrig.rig.coach.next_view import (
+    Placements,
+    accuracy_weight,
+    expected_drop,
+    expected_drop_in_hand,
+    imagine,
+    own_variance,
+    seen,
+    within_reach,
+)
+from quadrig.rig.coach.planned_doubt import planning_doubt
+from quadrig.rig.doubt.working_accuracy import covered_points
+from quadrig.rig.result import Rig
+from quadrig.rig.words import millimetres
+from quadrig.single.pose import Pose
+from quadrig.single.rectangle import Rectangle
+from quadrig.single.rotation import Array
+from quadrig.single.view import View
+
+AdviceKind = Literal["show", "connect", "tilt", "region", "share", "nearer", "farther", "done"]
+
+# Placements as near as this to one the person could not reach are not asked for again.
+_REFUSED_METRES = 0.35
+# A ghost counts as reached when the sheet's middle is this near and it is turned this little away: a placement
+# within them gives nine tenths of the expected drop.
+_REACHED_METRES, _REACHED_ANGLE = 0.12, np.deg2rad(20)
+# Two cameras that saw this many sheets together need not be told again to share.
+_ENOUGH_COMMON = 3
+# A new place may be so many times less sure (variance) than the mean of the volume covered so far.
+_WIDER_DOUBT = 1.5
+_REGION_WORDS = {
+    (-1, -1): "upper left corner", (0, -1): "upper edge", (1, -1): "upper right corner",
+    (-1, 0): "left edge", (0, 0): "middle", (1, 0): "right edge",
+    (-1, 1): "lower left corner", (0, 1): "lower edge", (1, 1): "lower right corner",
+}  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class Advice:
+    """One sentence, and what it means for a program.
+
+    cameras: whom it concerns. ghost: where the sheet should be, rig_from_rect, of rectangle `rectangle`; None
+    where the rig has no frame yet. expected: the working accuracy, m, after one View there. groups: for "connect",
+    one camera of each of two groups should see the sheet.
+    """
+
+    kind: AdviceKind
+    sentence: str
+    cameras: tuple[str, ...] = ()
+    rectangle: str = ""
+    ghost: Pose | None = None
+    expected: float = float("nan")
+    groups: tuple[tuple[str, ...], ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Situation:
+    """What is known when advice is asked for.
+
+    cameras: the names of all that run; views: the kept Views; target: the accuracy asked for, m, or None.
+    refused: ghosts the person could not reach; refused_pairs: cameras that could not be shown one sheet together.
+    """
+
+    cameras: tuple[str, ...]
+    rectangles: tuple[Rectangle, ...]
+    views: tuple[View, ...] = ()
+    rig: Rig | None = None
+    target: float | None = None
+    refused: tuple[Pose, ...] = ()
+    refused_pairs: frozenset[frozenset[str]] = field(default_factory=frozenset)
+
+
+def advise(situation: Situation) -> Advice:
+    """The one sentence that lowers the doubt most: show, connect, then the best next placement, then done."""
+    rig = situation.rig
+    if len(situation.cameras) == 1 or not situation.views:
+        return _first(situation)
+    parts = connected(situation.cameras, situation.views, situation.rectangles)
+    if len(parts) > 1:
+        return _connect(situation, parts)
+    if rig is None or len(rig.cameras) < len(situation.cameras):
+        return _unplaced(situation)
+    if situation.target is not None and rig.working_accuracy <= situation.target:
+        return Advice("done", good_for(rig) + "; press Enter to finish")
+    return best_placement(situation, rig) or Advice("done", good_for(rig) + "; press Enter to finish")
+
+
+def good_for(rig: Rig) -> str:
+    """The sentence that heads every result."""
+    return f"good for {millimetres(rig.working_accuracy)} in the volume you covered"
+
+
+def connected(
+    cameras: Sequence[str], views: Iterable[View], rectangles: Sequence[Rectangle]
+) -> tuple[tuple[str, ...], ...]:
+    """Groups of cameras that share rectangles, directly or through others; the largest first, by name."""
+    moving = {r.name for r in rectangles if r.moving}
+    group = {camera: camera for camera in cameras}
+
+    def root(camera: str) -> str:
+        while group[camera] != camera:
+            camera = group[camera]
+        return camera
+
+    first: dict[tuple[str, int], str] = {}
+    for view in views:
+        if view.camera in group:
+            key = (view.rectangle, view.frameset if view.rectangle in moving else -1)
+            group[root(view.camera)] = root(first.setdefault(key, view.camera))
+    parts: dict[str, list[str]] = {}
+    for camera in cameras:
+        parts.setdefault(root(camera), []).append(camera)
+    return tuple(sorted((tuple(part) for part in parts.values()), key=lambda part: (-len(part), part)))
+
+
+def _first(situation: Situation) -> Advice:
+    """Before anything was seen; and all that can be said to somebody with one camera."""
+    first = situation.cameras[0]
+    if len(situation.cameras) == 1:
+        return Advice("show", f"hold the sheet in front of {first}, tilted this way and that", (first,))
+    if len(situation.cameras) == 2:
+        pair = situation.cameras
+        groups = ((pair[0],), (pair[1],))
+        return Advice("connect", f"hold the sheet where {pair[0]} and {pair[1]} both see it", pair, groups=groups)
+    sentence = f"hold the sheet where {first} and the camera next to it both see it"
+    return Advice("connect", sentence, (first,), groups=((first,), situation.cameras[1:]))
+
+
+def _connect(situation: Situation, parts: Sequence[tuple[str, ...]]) -> Advice:
+    """The cameras of different groups that should see one sheet together.
+
+    Somebody in the room sees which cameras stand next to each other; the sentence leaves them that choice.
+    """
+    seen_by = {view.camera for view in situation.views}
+    lone = [part[0] for part in parts[1:] if len(part) == 1 and frozenset(part) not in situation.refused_pairs]
+    if lone and len(situation.cameras) > 2:
+        camera = min(lone, key=lambda name: (name in seen_by, situation.cameras.index(name)))
+        said = "shares nothing with the others" if camera in seen_by else "has not seen the sheet"
+        where = f"where {camera} and the camera next to it both see it"
+        others = tuple(name for name in situation.cameras if name != camera)
+        return Advice(
+            "connect", f"{camera} {said} yet: hold the sheet {where}", (camera,), groups=((camera,), others)
+        )
+    groups = (parts[0], parts[1])
+    if len(parts[0]) > 1 and not _refused_groups(situation, groups):
+        first, second = (" or ".join(part) if len(part) < 4 else f"{part[0]} to {part[-1]}" for part in groups)
+        sentence = f"hold the sheet where one of {first} and one of {second} both see it: they share nothing yet"
+        return Advice("connect", sentence, tuple(sorted((*parts[0], *parts[1]))), groups=groups)
+    pairs = [(a, b) for k, part in enumerate(parts) for other in parts[k + 1 :] for a in part for b in other]
+    open_pairs = [pair for pair in pairs if frozenset(pair) not in situation.refused_pairs]
+    first, second = min(open_pairs or pairs, key=lambda pair: _apart(situation, *pair))
+    sentence = f"{first} and {second} share nothing yet: hold the sheet where both see it"
+    return Advice("connect", sentence, (first, second), groups=((first,), (second,)))
+
+
+def _refused_groups(situation: Situation, groups: tuple[tuple[str, ...], ...]) -> bool:
+    return frozenset((*groups[0], *groups[1])) in situation.refused_pairs
+
+
+def _apart(situation: Situation, first: str, second: str) -> tuple[float, int, int]:
+    """Framesets between the nearest Views of one moving sheet in both (a sheet on its way from one picture to the
+    other passes where they meet), then the order of the cameras."""
+    times = {camera: [v.frameset for v in situation.views if v.camera == camera] for camera in (first, second)}
+    gaps = [abs(a - b) for a in times[first] for b in times[second]]
+    order = situation.cameras.index
+    return (float(min(gaps, default=10**9)), order(first), order(second))
+
+
+def _unplaced(situation: Situation) -> Advice:
+    rig = situation.rig
+    placed = {camera.name for camera in rig.cameras} if rig else set()
+    lost = next((camera for camera in situation.cameras if camera not in placed), situation.cameras[0])
+    return Advice("tilt", f"{lost}: tilt the sheet more, and hold it where another camera sees it too", (lost,))
+
+
+def best_placement(situation: Situation, rig: Rig) -> Advice | None:
+    """The placement that lowers the rig's doubt most and why, in a sentence; None where nothing helps."""
+    cameras, covariance = planning_doubt(rig)
+    rig = replace(rig, cameras=cameras, covariance=covariance)
+    volume = covered_points(rig.rectangles)
+    weight = accuracy_weight(rig.cameras, volume)
+    before = float(np.trace(weight @ rig.covariance))
+    best: tuple[float, Placements, Array, Array, int] | None = None
+    for rectangle in _in_hand(situation.rectangles):
+        placements = imagine(rig.cameras, rectangle, volume)
+        good = within_reach(placements, volume) & ~_refused(placements, situation.refused)
+        good &= seen(rig.cameras, placements).any(1)
+        if not good.any():
+            continue
+        placements = placements[good]
+        sees = seen(rig.cameras, placements)
+        exact = expected_drop(rig.cameras, rig.covariance, weight, placements, sees, _noise(rig))
+        held = expected_drop_in_hand(rig.cameras, rig.covariance, weight, placements, exact, _noise(rig))
+        held *= _worth_answering_for(rig, placements, sees, volume, before, held)
+        chosen = int(np.argmax(held))
+        if best is None or held[chosen] > best[0]:
+            best = (float(held[chosen]), placements, sees, exact, chosen)
+    if best is None or not best[0] > 0:
+        return None
+    drop, placements, sees, drops, chosen = best
+    kind, sentence, concerned = _why(situation, rig, placements, sees, drops, chosen, weight)
+    ghost = placements.rig_from_rect[chosen]
+    return Advice(kind, sentence, concerned, placements.rectangle.name, ghost, float(np.sqrt(max(before - drop, 0))))
+
+
+def _worth_answering_for(
+    rig: Rig, placements: Placements, sees: Array, volume: Array, before: float, held: Array
+) -> Array:
+    """Which placements (B,) leave the covered volume one that can be answered for; all where none does.
+
+    A placement far out, where the rig will know little even afterwards, lowers the doubt of the middle but widens
+    the volume by more than that.
+    """
+    worth = np.zeros(len(placements), bool)
+    helps = np.flatnonzero(held > 0)
+    if len(helps):
+        own, count = own_variance(rig.cameras, rig.covariance, volume, placements[helps], sees[helps], _noise(rig))
+        worth[helps] = own <= _WIDER_DOUBT * count * np.maximum(before - held[helps], 0)
+    return worth if worth.any() else np.ones(len(placements), bool)
+
+
+def _in_hand(rectangles: Sequence[Rectangle]) -> list[Rectangle]:
+    """The rectangles a person can hold elsewhere."""
+    return [rectangle for rectangle in rectangles if rectangle.moving]
+
+
+def _noise(rig: Rig) -> float:
+    return rig.noise if np.isfinite(rig.noise) and rig.noise > 0 else 1.0
+
+
+def _refused(placements: Placements, refused: Collection[Pose]) -> Array:
+    near = np.zeros(len(placements), bool)
+    for pose in refused:
+        offset = placements.rig_from_rect.translation - pose.translation
+        near |= np.linalg.norm(offset, axis=-1) < _REFUSED_METRES
+    return near
+
+
+def _why(
+    situation: Situation, rig: Rig, placements: Placements, sees: Array, drops: Array, chosen: int, weight: Array
+) -> tuple[AdviceKind, str, tuple[str, ...]]:
+    """What makes the chosen placement better than its plainer neighbours: the change that costs most of the drop."""
+    camera = rig.cameras[int(placements.camera[chosen])].name
+    together = _shared_with(rig, placements, sees, chosen, weight)
+    row, fill = placements.region[chosen], placements.fill[chosen]
+    same_camera = placements.camera == placements.camera[chosen]
+    same_region = same_camera & (placements.region == row).all(1)
+    flat = same_region & (placements.fill == fill) & (placements.tilt == 0).all(1)
+    middle = same_camera & (placements.region == 0).all(1) & (placements.fill == fill)
+    elsewhere = same_region & (placements.fill != fill)
+    losses: dict[AdviceKind, float] = {}
+    if placements.tilt[chosen].any():
+        losses["tilt"] = _loss(drops, chosen, flat)
+    if row.any():
+        losses["region"] = _loss(drops, chosen, middle)
+    if elsewhere.any():
+        losses["nearer" if fill > float(np.median(placements.fill[same_camera])) else "farther"] = 0.5 * _loss(
+            drops, chosen, elsewhere
+        )
+    if together:
+        common = _common_views(situation, camera, together[0])
+        losses["share"] = together[1] / (1 + common / _ENOUGH_COMMON)
+    kind = max(losses, key=lambda k: losses[k]) if losses else "region"
+    where = _REGION_WORDS[(int(row[0]), int(row[1]))]
+    if kind == "share" and together:
+        return kind, f"hold the sheet where {camera} and {together[0]} both see it", (camera, together[0])
+    if kind == "tilt":
+        side = "to one side" if placements.tilt[chosen][1] else "forward or back"
+        return kind, f"{camera}: tilt the sheet more, {side}", (camera,)
+    if kind == "region":
+        return kind, f"{camera}: {where} of the picture", (camera,)
+    if kind == "nearer":
+        return kind, f"{camera}: hold the sheet nearer to the camera", (camera,)
+    return kind, f"{camera}: hold the sheet farther from the camera", (camera,)
+
+
+def _common_views(situation: Situation, first: str, second: str) -> int:
+    """How often two cameras saw one rectangle at once."""
+    seen_by = {
+        camera: {(v.rectangle, v.frameset) for v in situation.views if v.camera == camera}
+        for camera in (first, second)
+    }
+    return len(seen_by[first] & seen_by[second])
+
+
+def _loss(drops: Array, chosen: int, plainer: Array) -> float:
+    """Part of the drop that the best of the plainer placements does not give; all of it where there is none."""
+    return 1.0 if not plainer.any() else 1.0 - float(drops[plainer].max() / drops[chosen])
+
+
+def _shared_with(
+    rig: Rig, placements: Placements, sees: Array, chosen: int, weight: Array
+) -> tuple[str, float] | None:
+    """The other camera whose seeing the sheet too matters most, and the part of the drop that hangs on it."""
+    own = int(placements.camera[chosen])
+    others = [k for k in np.flatnonzero(sees[chosen]) if k != own]
+    if not others or not sees[chosen, own]:
+        return None
+    without = np.repeat(sees[[chosen]], len(others), axis=0)
+    without[np.arange(len(others)), others] = False
+    copies = placements[np.full(len(others), chosen)]
+    drops = expected_drop(rig.cameras, rig.covariance, weight, copies, without, _noise(rig))
+    full = expected_drop(rig.cameras, rig.covariance, weight, placements[[chosen]], sees[[chosen]], _noise(rig))
+    worst = int(np.argmin(drops))
+    return rig.cameras[int(others[worst])].name, 1.0 - float(drops[worst] / full[0])
+
+
+def reached(ghost: Pose, rig_from_rect: Pose) -> bool:
+    """Whether a sheet stands where the ghost does, as nearly as a person can hold it; turning it over its own
+    middle in its plane changes nothing."""
+    apart = float(np.linalg.norm(ghost.translation - rig_from_rect.translation))
+    cosine = float(ghost.rotation[:, 2] @ rig_from_rect.rotation[:, 2])
+    return apart < _REACHED_METRES and cosine > np.cos(_REACHED_ANGLE)

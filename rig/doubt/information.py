@@ -1,0 +1,126 @@
+"""What Views tell of a rig before they are taken: derivatives, information, and the doubt of triangulated points.
+
+The cameras' parameters stand in the order of Rig.covariance: for each camera nine of the lens, then the step of
+rig_from_camera (rotation, translation, in the rig frame).
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from quadrig.rig.result import Camera
+from quadrig.single.lens import LENS_PARAMETERS, LensModel, project_with_derivatives
+from quadrig.single.pose import Pose
+from quadrig.single.rotation import Array, cross_matrix
+
+
+def camera_derivatives(camera: Camera, points: Array) -> tuple[Array, Array, Array]:
+    """Pixels (..., 2) of points (..., 3) of the rig frame, by the camera (..., 2, 15) and by the point (..., 2, 3).
+
+    Columns of lens parameters that are not free are zero. nan where the camera cannot see the point.
+    """
+    points = np.asarray(points, float)
+    every = derivatives_of_all([camera], points.reshape(-1, 3))
+    return tuple(one[0].reshape(*points.shape[:-1], *one.shape[2:]) for one in every)  # type: ignore[return-value]
+
+
+def derivatives_of_all(cameras: Sequence[Camera], points: Array) -> tuple[Array, Array, Array]:
+    """What `camera_derivatives` says of the points (N, 3) for all cameras: (C, N, 2), (C, N, 2, 15), (C, N, 2, 3)."""
+    poses, parameters = _stacked(cameras)
+    arm = points - poses.translation[:, None]
+    in_camera = arm @ poses.rotation
+    shape = arm.shape[:-1]
+    pixels, by_lens, by_camera_point = np.empty((*shape, 2)), np.empty((*shape, 2, 9)), np.empty((*shape, 2, 3))
+    for model, rows in _by_model(cameras).items():
+        located = in_camera[rows]
+        if model == "pinhole":
+            located = np.where(located[..., 2:] > 0, located, np.nan)
+        found = project_with_derivatives(parameters[rows][:, None], located, model)
+        pixels[rows], by_lens[rows], by_camera_point[rows] = found
+    by_point = by_camera_point @ np.swapaxes(poses.rotation, -1, -2)[:, None]
+    free = np.stack([_free(camera) for camera in cameras])[:, None, None]
+    by_camera = np.concatenate([by_lens * free, by_point @ cross_matrix(arm), -by_point], axis=-1)
+    return pixels, by_camera, by_point
+
+
+def _stacked(cameras: Sequence[Camera]) -> tuple[Pose, Array]:
+    """rig_from_camera, a batch (C,), and lens parameters (C, 9)."""
+    poses = Pose(
+        np.stack([camera.rig_from_camera.rotation for camera in cameras]),
+        np.stack([camera.rig_from_camera.translation for camera in cameras]),
+    )
+    return poses, np.stack([camera.intrinsics.parameters for camera in cameras])
+
+
+def _by_model(cameras: Sequence[Camera]) -> dict[LensModel, list[int]]:
+    rows: dict[LensModel, list[int]] = {}
+    for row, camera in enumerate(cameras):
+        rows.setdefault(camera.intrinsics.model, []).append(row)
+    return rows
+
+
+def rectangle_derivatives(by_point: Array, rig_from_rect: Pose, points: Array) -> Array:
+    """By the step of rig_from_rect (..., P, 2, 6), of by_point (..., P, 2, 3) and the points (P, 3) it has."""
+    arm = (rig_from_rect.rotation[..., None, :, :] @ points[..., None])[..., 0]
+    return np.concatenate([-by_point @ cross_matrix(arm), by_point], axis=-1)
+
+
+def covariance_of(cameras: Sequence[Camera], information: Array, reference: str, prior: Array | None = None) -> Array:
+    """Covariance (15 C, 15 C) where the reference camera's pose is the rig frame; zero rows for what is not free.
+
+    prior (9,): sigmas of the lens parameters before anything was seen (inf where nothing is known).
+    """
+    free = np.concatenate(
+        [np.concatenate([_free(c) > 0, np.full(6, c.name != reference)]).astype(bool) for c in cameras]
+    )
+    information = information.copy()
+    if prior is not None:
+        information[np.diag_indices(len(free))] += np.tile(np.concatenate([1 / prior**2, np.zeros(6)]), len(cameras))
+    covariance = np.zeros_like(information)
+    covariance[np.ix_(free, free)] = scaled_inverse(information[np.ix_(free, free)])
+    return covariance
+
+
+def scaled_inverse(matrix: Array) -> Array:
+    """Inverse of a symmetric matrix (N, N) whose rows have different units; what nothing tells of stays zero."""
+    scale = np.sqrt(np.maximum(np.diag(matrix), 0))
+    scale = np.where(scale > 0, scale, 1.0)
+    return np.linalg.pinv(matrix / np.outer(scale, scale), hermitian=True) / np.outer(scale, scale)
+
+
+def triangulation_derivatives(cameras: Sequence[Camera], points: Array, sees: Array | None = None) -> Array:
+    """How triangulated points (N, 3) move with the cameras' parameters: (N, 3, 15 C).
+
+    sees (C, N) bool: which camera takes part; where None, those into whose picture a point falls. nan for points that
+    fewer than two cameras see.
+    """
+    pixels, by_camera, by_point = derivatives_of_all(cameras, points)
+    if sees is None:
+        sees = np.stack([_in_picture(camera, own) for camera, own in zip(cameras, pixels, strict=True)])
+    by_camera, by_point = (np.where(sees[..., None, None], each, 0.0) for each in (by_camera, by_point))
+    turned = np.swapaxes(by_point, -1, -2)
+    normal = (turned @ by_point).sum(axis=0)
+    normal[sees.sum(0) < 2] = np.nan
+    moved = np.moveaxis(turned @ by_camera, 0, 2).reshape(len(points), 3, -1)
+    result = np.full_like(moved, np.nan)
+    possible = np.isfinite(normal).all((1, 2))
+    result[possible] = -np.linalg.inv(normal[possible]) @ moved[possible]
+    return result
+
+
+def visible(camera: Camera, points: Array, margin: float = 0.0) -> Array:
+    """Which points (..., 3) of the rig frame fall into the picture, `margin` px from its border. (...) bool."""
+    pixels = camera.intrinsics.project(
+        (points - camera.rig_from_camera.translation) @ camera.rig_from_camera.rotation
+    )
+    return _in_picture(camera, pixels, margin)
+
+
+def _in_picture(camera: Camera, pixels: Array, margin: float = 0.0) -> Array:
+    size = np.array([camera.intrinsics.width, camera.intrinsics.height])
+    with np.errstate(invalid="ignore"):
+        return ((pixels >= margin) & (pixels <= size - 1 - margin)).all(-1)
+
+
+def _free(camera: Camera) -> Array:
+    return np.array([name in camera.free_lens for name in LENS_PARAMETERS], float)

@@ -1,0 +1,132 @@
+"""The verdict on a rig in plain words: what it is good for, because of what, and what is weak."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from quadrig.rig.doubt.disagreement import Disagreement, disagreements
+from quadrig.rig.doubt.residual_field import residual_field
+from quadrig.rig.result import Rig
+from quadrig.rig.words import length
+
+Grade = Literal["good", "with care", "not yet"]
+
+# Left-out framesets that miss this much more than those of the fit: the rig follows its noise, not the room.
+_OVERFITTED = 1.5
+PATTERN = 3.0
+"""Residuals of a field that agree this much more than chance form a pattern: boards' own errors reach 2 on good real
+lenses."""
+# A View in its own sigmas against the rig; those of a rig that fits are near 1, and 99.9 % are below 2.
+_CONTRADICTS = 3.0
+# From this median of all Views on it is no single View that is wrong, but what is assumed of all of them.
+_LOOSE = 2.0
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """grade and headline, then sentences: what is good, and what is weak with what to do about it."""
+
+    grade: Grade
+    headline: str
+    good: tuple[str, ...]
+    weak: tuple[str, ...]
+
+
+def verdict(rig: Rig) -> Verdict:
+    """What to believe of a rig."""
+    good, weak = _good(rig), [*rig.missing.values(), *rig.weak, *_contradictions(rig), *_patterns(rig)]
+    grade = _grade(rig, weak)
+    return Verdict(grade, _headline(rig, grade), tuple(good), tuple(weak))
+
+
+def _grade(rig: Rig, weak: list[str]) -> Grade:
+    untold = any(not camera.observable_focal for camera in rig.cameras)
+    if untold or not np.isfinite(rig.working_accuracy) or _overfitted(rig, 2 * _OVERFITTED):
+        return "not yet"
+    return "with care" if weak else "good"
+
+
+def _headline(rig: Rig, grade: Grade) -> str:
+    if not np.isfinite(rig.working_accuracy):
+        return "Not to be used yet: no point in the room can be triangulated by two of its cameras."
+    accuracy = f"{length(rig.working_accuracy)} in the volume you covered"
+    if grade == "good":
+        return f"Good for {accuracy}."
+    if grade == "with care":
+        return f"Good for {accuracy}, with care: see what is weak."
+    return f"Not to be used yet, though its own figures promise {accuracy}: see what is weak."
+
+
+def _good(rig: Rig) -> list[str]:
+    sentences = []
+    if np.isfinite(rig.left_out_rms):
+        against = "those of the fit to" if _overfitted(rig, _OVERFITTED) else "as well as those of the fit,"
+        sentences.append(
+            f"Framesets left out of the fit are predicted to {rig.left_out_rms:.2f} px, {against} {rig.rms:.2f} px."
+        )
+    elif np.isfinite(rig.rms):
+        sentences.append(f"The fit agrees with its Views to {rig.rms:.2f} px.")
+    used = sum(not fit.rejected for fit in rig.fits)
+    if rig.fits:
+        sentences.append(f"{used} of {len(rig.fits)} Views by {len(rig.cameras)} cameras took part.")
+    if rig.cameras:
+        worst = max(rig.cameras, key=lambda camera: rig.position_sigma(camera.name))
+        sentences.append(
+            f"Every camera's position is known to {length(rig.position_sigma(worst.name))} or better "
+            f"(worst: {worst.name}), one sigma."
+        )
+    return sentences
+
+
+def _overfitted(rig: Rig, factor: float) -> bool:
+    return bool(np.isfinite(rig.left_out_rms) and rig.left_out_rms > factor * rig.rms)
+
+
+def contradiction_limit(told: Sequence[Disagreement]) -> float:
+    """Sigmas from which a View contradicts the rig more than the others do."""
+    return _CONTRADICTS * max(1.0, _usual(told))
+
+
+def _usual(told: Sequence[Disagreement]) -> float:
+    sigmas = [one.sigmas for one in told if np.isfinite(one.sigmas) and not one.rejected]
+    return float(np.median(sigmas)) if sigmas else 1.0
+
+
+def out_of_step(rig: Rig) -> float:
+    """Median disagreement of the Views, in sigmas, where it is so large that no single View is to blame; else 0."""
+    usual = _usual(disagreements(rig))
+    return usual if usual > _LOOSE else 0.0
+
+
+def _contradictions(rig: Rig) -> list[str]:
+    every = disagreements(rig)
+    usual, limit = _usual(every), contradiction_limit(every)
+    sentences = []
+    if usual > _LOOSE:
+        sentences.append(
+            f"Half of the Views miss the rig by more than {usual:.1f} of their own sigmas: the cameras did not take "
+            "their pictures at one instant, or a rectangle bends; hold it still for a moment in each place"
+        )
+    wrong = [one for one in every if one.sigmas > limit and not one.rejected]
+    if wrong:
+        worst = max(wrong, key=lambda one: one.sigmas)
+        sentences.append(
+            f"{len(wrong)} of {len(rig.fits)} Views contradict the rig far more than the others, the worst being "
+            f"{worst.camera} on {worst.rectangle} at frameset {worst.frameset} ({worst.sigmas:.0f} sigmas): look "
+            "whether the rectangle moved, bent or was half hidden there"
+        )
+    return sentences
+
+
+def _patterns(rig: Rig) -> list[str]:
+    sentences = []
+    for camera in rig.cameras:
+        pattern = residual_field(rig, camera.name).pattern
+        if pattern > PATTERN:
+            sentences.append(
+                f"{camera.name}: its residuals form a pattern over the picture ({pattern:.0f} times chance): the "
+                "lens model does not fit, or the rectangles are not flat; try another lens, or stiffer boards"
+            )
+    return sentences

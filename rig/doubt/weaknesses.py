@@ -1,0 +1,116 @@
+"""What is weak in a rig, in words, and what would mend it."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from quadrig.rig.result import Camera, Rig, ViewFit
+from quadrig.single.rotation import Array
+
+# Above this many per cent the focal is what limits distances that a camera tells.
+_VAGUE_FOCAL = 0.02
+# Fewer Views than this leave one bad View the power to move a camera.
+_FEW_VIEWS = 5
+# Left-out framesets that fit this much worse than those of the fit speak of a lens or an instant that does not hold.
+_WORSE_LEFT_OUT = 1.5
+# Less than this (px) is beyond what any detector promises.
+_NOTABLE = 0.1
+# Clocks that agree this well (s) displace a hand-held rectangle by less than a corner's noise.
+_NOTABLE_OFFSET = 0.003
+# The share of a picture (in a grid of 4 x 4) below which the lens is a guess outside of what was covered.
+_LITTLE_COVER = 0.4
+_GRID = 4
+# So many groups of Views that were thrown out are named.
+_NAMED = 3
+
+
+def weaknesses(rig: Rig) -> tuple[str, ...]:
+    """Sentences, the gravest first; cameras that share a fault share a sentence."""
+    sentences = []
+    for camera in rig.cameras:
+        sentences += _of_camera(rig, camera)
+    if np.isfinite(rig.left_out_rms) and rig.left_out_rms > max(_WORSE_LEFT_OUT * rig.rms, rig.rms + _NOTABLE):
+        sentences.append(
+            f"framesets left out of the fit miss by {rig.left_out_rms:.2f} px against {rig.rms:.2f} px of the fit: "
+            "show more rectangles, in more places"
+        )
+    if rig.dispersion > 1:
+        sentences.append(
+            f"fifths of the recording disagree {np.sqrt(rig.dispersion):.1f} times as much as noise explains, and "
+            "all sigmas are widened by that: look for clocks out of step, a bent board, a lens that moved"
+        )
+    return (*sentences, *_covered(rig), *_clocks(rig), *_rejected(rig.fits))
+
+
+def _of_camera(rig: Rig, camera: Camera) -> list[str]:
+    sentences = []
+    sigma = rig.focal_sigma(camera.name) / camera.intrinsics.focal
+    if not camera.observable_focal:
+        sentences.append(
+            f"{camera.name}: its focal cannot be told from distance ({100 * sigma:.0f} %); "
+            "tilt a rectangle by 30 degrees or more in front of it"
+        )
+    elif sigma > _VAGUE_FOCAL:
+        sentences.append(f"{camera.name}: its focal is known to {100 * sigma:.1f} %; tilt the rectangles more")
+    if camera.views < _FEW_VIEWS:
+        sentences.append(
+            f"{camera.name}: rests on {camera.views} View{'s' if camera.views != 1 else ''}; show it more"
+        )
+    return sentences
+
+
+def _covered(rig: Rig) -> list[str]:
+    cover = coverage(rig)
+    little = [c for c in rig.cameras if len(c.free_lens) > 3 and cover[c.name] < _LITTLE_COVER]
+    if not little:
+        return []
+    shares = [f"{100 * cover[c.name]:.0f} % of {c.name}" for c in little]
+    return [f"corners covered little of the pictures, {_listed(shares)}; a lens is a guess in the rest"]
+
+
+def _clocks(rig: Rig) -> list[str]:
+    off = [c for c in rig.cameras if abs(c.clock_offset) > _NOTABLE_OFFSET]
+    if not off:
+        return []
+    when = [
+        f"{c.name} {1000 * abs(c.clock_offset):.0f} ms {'later' if c.clock_offset > 0 else 'earlier'}" for c in off
+    ]
+    return [
+        f"pictures were taken not when their stamps say, but, against the mean of the cameras: {_listed(when)}; "
+        "allowed for here, but other software will not know"
+    ]
+
+
+def _listed(parts: list[str]) -> str:
+    return " and ".join([", ".join(parts[:-1]), parts[-1]] if len(parts) > 1 else parts)
+
+
+def coverage(rig: Rig) -> dict[str, float]:
+    """For each camera the share of the fields of a 4 x 4 grid over its picture in which corners were used."""
+    pixels: dict[str, list[Array]] = {camera.name: [np.zeros((0, 2))] for camera in rig.cameras}
+    for fit in rig.fits:
+        if fit.view.camera in pixels:
+            pixels[fit.view.camera].append(fit.view.pixels[fit.used])
+    shares = {}
+    for camera in rig.cameras:
+        size = np.array([camera.intrinsics.width, camera.intrinsics.height])
+        field = np.clip(np.concatenate(pixels[camera.name]) / size * _GRID, 0, _GRID - 1).astype(int)
+        shares[camera.name] = len(np.unique(field @ np.array([1, _GRID]))) / _GRID**2
+    return shares
+
+
+def _rejected(fits: Sequence[ViewFit]) -> list[str]:
+    out: dict[tuple[str, str], list[int]] = {}
+    for fit in fits:
+        if fit.rejected:
+            out.setdefault((fit.view.camera, fit.view.rectangle), []).append(fit.view.frameset)
+    if not out:
+        return []
+    most = sorted(out.items(), key=lambda item: -len(item[1]))
+    named = [
+        f"{camera} of {rectangle!r} in {f'frameset {seen[0]}' if len(seen) == 1 else f'{len(seen)} framesets'}"
+        for (camera, rectangle), seen in most[:_NAMED]
+    ]
+    rest = sum(len(seen) for _, seen in most[_NAMED:])
+    total = sum(len(seen) for seen in out.values())
+    return [f"{total} of {len(fits)} Views were thrown out: {_listed([*named, *([f'{rest} more'] if rest else [])])}"]

@@ -1,0 +1,268 @@
+"""From the end of the joint adjustment to the Rig: poses, covariances and residuals under their names."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from quadrig.rig.adjustment.normal_equations import LENS, residual_squares
+from quadrig.rig.doubt.weaknesses import weaknesses
+from quadrig.rig.doubt.working_accuracy import covered_points, working_accuracy
+from quadrig.rig.joint.cross_validation import leave_out
+from quadrig.rig.joint.stages import Joint
+from quadrig.rig.problem.build import Problem
+from quadrig.rig.problem.camera_input import CameraInput
+from quadrig.rig.result import CAMERA_PARAMETERS, Camera, PlacedRectangle, Rig, ViewFit
+from quadrig.rig.start.pose_graph import FirstRig
+from quadrig.single.lens import LENS_PARAMETERS, Intrinsics, project
+from quadrig.single.pose import Pose
+from quadrig.single.rotation import Array, cross_matrix
+
+# Sigma of a focal, as a share of it, beyond which the Views cannot be said to tell it.
+_UNKNOWN_FOCAL = 0.2
+
+
+def cameras_of(problem: Problem, joint: Joint) -> tuple[Camera, ...]:
+    """The cameras, with lens and pose but without the figures that need the Views' fits."""
+    rig_from_camera = joint.adjustment.state.camera_from_rig.inverse()
+    offsets = _clock_offsets(joint)
+    cameras = []
+    for row, given in enumerate(problem.cameras):
+        lens = joint.adjustment.state.lens[row]
+        free = tuple(name for name, is_free in zip(LENS_PARAMETERS, joint.freedom.lens[row], strict=True) if is_free)
+        cameras.append(
+            Camera(
+                given.name,
+                _template(given).with_parameters(lens),
+                rig_from_camera[row],
+                free,
+                joint.choices.reasons[row],
+                clock_offset=float(offsets[row]),
+            )
+        )
+    return tuple(cameras)
+
+
+def _clock_offsets(joint: Joint) -> Array:
+    """Offsets (C,) s about their mean, zero for cameras whose clock nothing tells."""
+    state = joint.adjustment.state
+    if state.motion is None or state.offsets is None:
+        return np.zeros(len(state.lens))
+    tells = state.motion.tells
+    return np.where(tells, state.offsets - state.offsets[tells].mean(), 0.0) if tells.any() else np.zeros(len(tells))
+
+
+def _template(given: CameraInput) -> Intrinsics:
+    return given.intrinsics or Intrinsics.centred(given.width, given.height, 1.0)
+
+
+def step_by_camera_twist(rig_from_camera: Pose) -> Array:
+    """Derivative (..., 6, 6) of the step of rig_from_camera by the twist of camera_from_rig @ exp(twist)."""
+    result = np.zeros((*rig_from_camera.translation.shape[:-1], 6, 6))
+    result[..., :3, :3] = result[..., 3:, 3:] = -np.eye(3)
+    result[..., 3:, :3] = cross_matrix(rig_from_camera.translation)
+    return result
+
+
+def camera_covariance(joint: Joint) -> Array:
+    """Covariance (15 C, 15 C) as Rig.covariance has it: lenses, and steps of rig_from_camera."""
+    cameras, size = joint.reduced.free.shape
+    columns = joint.adjustment.columns
+    place = np.concatenate([columns, np.arange(LENS, CAMERA_PARAMETERS)])
+    jacobian = step_by_camera_twist(joint.adjustment.state.camera_from_rig.inverse())
+    block = np.zeros((cameras, CAMERA_PARAMETERS, size))
+    block[:, place[: len(columns)], np.arange(len(columns))] = 1.0
+    block[:, LENS:, len(columns) : len(columns) + 6] = jacobian
+    total = cameras * CAMERA_PARAMETERS
+    spread = (block @ joint.covariance.reshape(cameras, size, -1)).reshape(total, cameras, size)
+    result = spread.transpose(1, 0, 2) @ block.transpose(0, 2, 1)
+    return result.transpose(1, 0, 2).reshape(total, total)
+
+
+def node_covariances(joint: Joint) -> Array:
+    """Covariance (N, 6, 6) of every rectangle pose: its own Views' doubt, and what the cameras pass on to it."""
+    tables, normal, reduced = joint.adjustment.layout, joint.adjustment.normal, joint.reduced
+    cameras, size = reduced.free.shape
+    passed = reduced.node_inverse[tables.pair_node] @ np.swapaxes(normal.pairs, -1, -2)
+    blocks = joint.covariance.reshape(cameras, size, cameras, size)
+    left, right = tables.meeting_left, tables.meeting_right
+    between = blocks[tables.pair_camera[left], :, tables.pair_camera[right], :]
+    term = passed[left] @ between @ np.swapaxes(passed[right], -1, -2)
+    result = reduced.node_inverse.copy()
+    np.add.at(result, tables.pair_node[left], term)
+    off = left != right
+    np.add.at(result, tables.pair_node[left][off], np.swapaxes(term[off], -1, -2))
+    step_by_twist = np.tile(np.eye(6), (len(result), 1, 1))
+    step_by_twist[:, 3:, :3] = -cross_matrix(joint.adjustment.state.rig_from_rect.translation)
+    return step_by_twist @ result @ np.swapaxes(step_by_twist, -1, -2)
+
+
+def rectangles_of(problem: Problem, joint: Joint, widening: float = 1.0) -> tuple[PlacedRectangle, ...]:
+    """Every rectangle that was placed; one whose Views were all thrown out is not.
+
+    widening: what covariances are multiplied by.
+    """
+    poses, covariances = joint.predicted.rig_from_rect, node_covariances(joint) * widening
+    placed_nodes = {int(n) for n in np.unique(joint.observations.node[~joint.judged.rejected])}
+    world = next((i for i, node in enumerate(problem.nodes) if node.rectangle == ""), None)
+    placed = []
+    for name, rectangle in problem.rectangles.items():
+        if rectangle.world_from_rect is not None:
+            if world in placed_nodes and world is not None:
+                pose = poses[world] @ rectangle.world_from_rect
+                placed.append(PlacedRectangle(rectangle, pose, covariances[world]))
+            continue
+        own = [i for i, node in enumerate(problem.nodes) if node.rectangle == name and i in placed_nodes]
+        if not own:
+            continue
+        if rectangle.moving:
+            framesets = np.array([problem.nodes[i].frameset for i in own])
+            placed.append(PlacedRectangle(rectangle, poses[np.array(own)], covariances[np.array(own)], framesets))
+        else:
+            placed.append(PlacedRectangle(rectangle, poses[own[0]], covariances[own[0]]))
+    return tuple(placed)
+
+
+def fits_of(problem: Problem, joint: Joint, reading: Array) -> tuple[ViewFit, ...]:
+    """Residuals of every View, and why those that were thrown out were."""
+    state, observations = joint.predicted, joint.observations
+    used: list[Array] = [np.zeros(0, bool)] * len(problem.views)
+    residuals: list[Array] = [np.zeros((0, 2))] * len(problem.views)
+    chained = state.camera_from_rect(observations)
+    for group in observations.groups:
+        pose = chained[group.view]
+        located = group.points @ np.swapaxes(pose.rotation, -1, -2) + pose.translation[:, None]
+        with np.errstate(invalid="ignore"):
+            difference = group.pixels - project(state.lens[group.camera][:, None], located, group.model)
+        for row, view in enumerate(group.view):
+            count = len(problem.views[view].pixels)
+            residuals[view], used[view] = difference[row, :count], group.weights[row, :count] > 0
+    return tuple(
+        ViewFit(view, residuals[i], used[i], int(reading[i]), _why(problem, i, residuals[i], joint))
+        for i, view in enumerate(problem.views)
+    )
+
+
+def _why(problem: Problem, index: int, residuals: Array, joint: Joint) -> str:
+    """Why a View was thrown out, or an empty string."""
+    if not joint.judged.rejected[index]:
+        return ""
+    length = np.linalg.norm(residuals, axis=-1)
+    if not np.isfinite(length).any():
+        return "the rig puts this rectangle behind the camera: the id is another rectangle's"
+    shift = _shift(problem, index, joint)
+    if shift:
+        return f"its corners are in the wrong order: shifted by {shift}"
+    median = float(np.nanmedian(length))
+    far = int((~(length < 5 * joint.noise * problem.sigmas[index])).sum())
+    return f"{far} of {len(length)} corners are off, by {median:.1f} px in the middle: another id, or another instant"
+
+
+def _shift(problem: Problem, index: int, joint: Joint) -> int:
+    """By how many places the corners of a four-corner View would have to turn to fit; 0 where none does."""
+    view = problem.views[index]
+    if len(view.pixels) != 4:
+        return 0
+    state = joint.adjustment.state
+    camera = joint.observations.camera[index]
+    pose = state.camera_from_rig[camera] @ state.rig_from_rect[joint.observations.node[index]]
+    model = _template(problem.cameras[camera]).model
+    with np.errstate(invalid="ignore"):
+        predicted = project(state.lens[camera], pose.transform(problem.points(index)), model)
+    for shift in (1, 2, 3):
+        error = np.linalg.norm(np.roll(view.pixels, shift, axis=0) - predicted, axis=-1)
+        # Twice the usual limit: the pose of the rectangle comes from others, this View had no part in it.
+        if (error < 10 * joint.noise * problem.sigmas[index]).all():
+            return shift
+    return 0
+
+
+@dataclass(frozen=True, eq=False)
+class Squares:
+    """Of every View: its camera (V,), the sum of squared residuals (V,) px^2 of the points that took part, and their
+    number (V,); zero for Views that were thrown out."""
+
+    camera: Array
+    total: Array
+    points: Array
+
+    def rms(self, chosen: Array | None = None) -> float:
+        """Root mean square length (px) of the residuals of all Views, or of those that are chosen; nan for none."""
+        chosen = np.ones(len(self.total), bool) if chosen is None else chosen
+        count = self.points[chosen].sum()
+        return float(np.sqrt(max(self.total[chosen].sum(), 0.0) / count)) if count else float("nan")
+
+
+def squares_of(problem: Problem, joint: Joint) -> Squares:
+    """Of the fit, against what the rig says of the pictures."""
+    total, points = np.zeros(len(problem.views)), np.zeros(len(problem.views))
+    squares = residual_squares(joint.observations, joint.predicted)
+    for group, square in zip(joint.observations.groups, squares, strict=True):
+        used = group.weights > 0
+        total[group.view], points[group.view] = np.where(used, square, 0.0).sum(axis=1), used.sum(axis=1)
+    return Squares(problem.camera, total, points)
+
+
+def with_figures(
+    cameras: tuple[Camera, ...], fit: Squares, left_out: Squares, covariance: Array
+) -> tuple[Camera, ...]:
+    """The cameras with RMS, counts, and whether their focal could be told."""
+    result = []
+    for index, camera in enumerate(cameras):
+        own = fit.camera == index
+        sigma = float(np.sqrt(covariance[index * CAMERA_PARAMETERS, index * CAMERA_PARAMETERS]))
+        result.append(
+            replace(
+                camera,
+                rms=fit.rms(own),
+                left_out_rms=left_out.rms(own),
+                views=int((fit.points[own] > 0).sum()),
+                observable_focal=sigma < _UNKNOWN_FOCAL * camera.intrinsics.focal,
+            )
+        )
+    return tuple(result)
+
+
+def assemble_rig(
+    problem: Problem,
+    joint: Joint,
+    first: FirstRig,
+    covariance: Array,
+    reference: str,
+    missing: dict[str, str],
+    order: list[str],
+) -> Rig:
+    """The Rig of a joint adjustment, cameras in the given order of names. covariance: as Rig.covariance has it."""
+    fit, without = squares_of(problem, joint), leave_out(problem, joint)
+    left_out = _told(without.squares, fit)
+    covariance = covariance * without.widening
+    cameras = with_figures(cameras_of(problem, joint), fit, left_out, covariance)
+    rectangles = rectangles_of(problem, joint, without.widening)
+    accuracy = working_accuracy(cameras, covariance, covered_points(rectangles))
+    place = [index for name in order for index, camera in enumerate(cameras) if camera.name == name]
+    rig = Rig(
+        reference,
+        tuple(cameras[i] for i in place),
+        rectangles,
+        _reordered(covariance, place),
+        fits_of(problem, joint, first.reading),
+        joint.noise,
+        fit.rms(),
+        left_out.rms(),
+        accuracy,
+        missing,
+        costs=joint.costs,
+        dispersion=without.widening,
+    )
+    return replace(rig, weak=weaknesses(rig))
+
+
+def _reordered(covariance: Array, place: list[int]) -> Array:
+    size = len(covariance) // len(place)
+    index = (np.array(place)[:, None] * size + np.arange(size)).ravel()
+    return covariance[np.ix_(index, index)]
+
+
+def _told(squares: Array, fit: Squares) -> Squares:
+    """Of Views left out of the fit, those that can be said."""
+    told = np.isfinite(squares) & (fit.points > 0)
+    return replace(fit, total=np.where(told, squares, 0.0), points=np.where(told, fit.points, 0))

@@ -1,0 +1,167 @@
+"""Views, cameras and rectangles by number: sorted by name, so that no result depends on the order they came in."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from math import isfinite
+
+import numpy as np
+
+from quadrig.rig.problem.camera_input import CameraInput
+from quadrig.rig.problem.observations import Observations, pack
+from quadrig.single.errors import QuadrigError
+from quadrig.single.rectangle import Rectangle
+from quadrig.single.rotation import Array
+from quadrig.single.view import View
+
+# The random part of a corner's error is about as large as the systematic one: more repeats than this win nothing.
+_MOST_REPEATS = 2
+# Four points carry a homography; fewer cannot place a plane.
+_FEWEST_POINTS = 4
+
+
+@dataclass(frozen=True, eq=False)
+class Node:
+    """One pose to be found of a rectangle: a static one, a moving one at a frameset, or the surveyed world.
+
+    rectangle: its name, or "" for the world that all surveyed rectangles share. frameset: -1 where static.
+    """
+
+    rectangle: str
+    frameset: int = -1
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """What is to be solved. camera, node (V,): of each View; points: each View's readings in its node's frame."""
+
+    cameras: tuple[CameraInput, ...]
+    rectangles: dict[str, Rectangle]
+    views: tuple[View, ...]
+    nodes: tuple[Node, ...]
+    camera: Array
+    node: Array
+
+    def points(self, view: int, reading: int = 0) -> Array:
+        """Points (P, 3) of a View's reading in the frame of its node: the rectangle's own, or the world's."""
+        rectangle = self.rectangles[self.views[view].rectangle]
+        points = self.views[view].readings[reading]
+        return points if rectangle.world_from_rect is None else rectangle.world_from_rect.transform(points)
+
+    @cached_property
+    def sigmas(self) -> Array:
+        """Sigma (V,) of each View as a multiple of the median one: how sure corners are is learned from the data."""
+        told = np.array([view.sigma for view in self.views])
+        return told / np.median(told) if len(told) else told
+
+    @cached_property
+    def shares(self) -> Array:
+        """What each View (V,) counts for: less than one where a still camera sees a still rectangle again and again.
+
+        Repeats average out what is random in a corner, not what is systematic (blur, print, the grid of pixels).
+        """
+        place = {name: index for index, name in enumerate(self.rectangles)}
+        rectangle = np.array([place[view.rectangle] for view in self.views], int)
+        key = (self.node * len(place) + rectangle) * len(self.cameras) + self.camera
+        _, inverse, count = np.unique(key, return_inverse=True, return_counts=True)
+        repeats = count[inverse]
+        return np.minimum(repeats, _MOST_REPEATS) / repeats
+
+    def observations(self, readings: Array | None = None) -> Observations:
+        """The Views as arrays, each in the reading (V,) that is chosen."""
+        chosen = np.zeros(len(self.views), int) if readings is None else readings
+        return pack(
+            [self.points(index, reading) for index, reading in enumerate(chosen)],
+            [view.pixels for view in self.views],
+            self.sigmas,
+            self.shares,
+            self.camera,
+            self.node,
+            ["pinhole" if c.intrinsics is None else c.intrinsics.model for c in self.cameras],
+            len(self.nodes),
+        )
+
+    def restricted(self, views: Array) -> "Problem":
+        """The same problem with some of the Views (indices), and only the nodes that these see."""
+        return _problem(self.cameras, self.rectangles, [self.views[i] for i in views])
+
+
+def build_problem(cameras: Sequence[CameraInput], rectangles: Sequence[Rectangle], views: Sequence[View]) -> Problem:
+    """Number everything. Views of too few points are left out.
+
+    Raises QuadrigError where names repeat, or a View names what is not there or holds broken numbers.
+    """
+    for what, names in (("camera", [c.name for c in cameras]), ("rectangle", [r.name for r in rectangles])):
+        repeated = sorted({name for name in names if names.count(name) > 1}) if len(set(names)) < len(names) else []
+        if repeated:
+            raise QuadrigError(f"{what} {repeated[0]!r} is given twice; every {what} needs a name of its own")
+    by_name = {r.name: r for r in sorted(rectangles, key=lambda r: r.name)}
+    known = {c.name for c in cameras}
+    _check(views, known, by_name)
+    usable = [v for v in views if len(v.pixels) >= _FEWEST_POINTS]
+    return _problem(tuple(sorted(cameras, key=lambda c: c.name)), by_name, usable)
+
+
+def components(problem: Problem, views: Array | None = None) -> list[list[int]]:
+    """Cameras (indices) that rectangles join, directly or through others; largest group first. views (indices): those
+    that count, all where None."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    views = np.arange(len(problem.views)) if views is None else views
+    cameras, size = len(problem.cameras), len(problem.cameras) + len(problem.nodes)
+    met = (problem.camera[views], cameras + problem.node[views])
+    graph = coo_array((np.ones(len(views)), met), shape=(size, size))
+    _, label = connected_components(graph, directed=False)
+    groups: dict[int, list[int]] = {}
+    for camera in range(cameras):
+        groups.setdefault(int(label[camera]), []).append(camera)
+    return sorted(groups.values(), key=lambda group: (-len(group), group))
+
+
+def _problem(cameras: tuple[CameraInput, ...], rectangles: dict[str, Rectangle], views: Sequence[View]) -> Problem:
+    ordered = tuple(
+        sorted(views, key=lambda v: (v.rectangle, v.frameset, v.camera, v.pixels.tobytes(), v.points.tobytes()))
+    )
+    keys = [_node_key(rectangles[v.rectangle], v.frameset) for v in ordered]
+    distinct = sorted(set(keys))
+    node_index = {key: index for index, key in enumerate(distinct)}
+    camera_index = {c.name: index for index, c in enumerate(cameras)}
+    return Problem(
+        cameras,
+        rectangles,
+        ordered,
+        tuple(Node(*key) for key in distinct),
+        np.array([camera_index[v.camera] for v in ordered], int),
+        np.array([node_index[key] for key in keys], int),
+    )
+
+
+def _node_key(rectangle: Rectangle, frameset: int) -> tuple[str, int]:
+    if rectangle.world_from_rect is not None:
+        return ("", -1)
+    return (rectangle.name, frameset if rectangle.moving else -1)
+
+
+def _check(views: Sequence[View], cameras: set[str], rectangles: dict[str, Rectangle]) -> None:
+    """Raises QuadrigError for the first View that names what is not there or holds broken numbers."""
+    for view in views:
+        if view.camera not in cameras or view.rectangle not in rectangles:
+            what = "camera" if view.camera not in cameras else "rectangle"
+            raise QuadrigError(f"{_where(view)}: there is no {what} of that name; give it, or leave the View out")
+        shape = (len(view.pixels), 3)
+        if view.pixels.ndim != 2 or any(reading.shape != shape for reading in view.readings):
+            raise QuadrigError(
+                f"{_where(view)}: points and pixels do not match; give P points (P, 3) with P pixels (P, 2)"
+            )
+        if not (view.sigma > 0 and isfinite(view.sigma)):
+            raise QuadrigError(f"{_where(view)}: sigma is {view.sigma} px; give a positive number")
+    # All at once, since there may be hundreds of thousands; one by one only where something is wrong.
+    parts = [view.pixels.ravel() for view in views] + [r.ravel() for view in views for r in view.readings]
+    if parts and not np.isfinite(np.concatenate(parts)).all():
+        broken = next(v for v in views if not all(np.isfinite(part).all() for part in (v.pixels, *v.readings)))
+        raise QuadrigError(f"{_where(broken)}: a coordinate is not a number; leave out points that were not seen")
+
+
+def _where(view: View) -> str:
+    return f"View of {view.rectangle!r} by {view.camera!r} in frameset {view.frameset}"

@@ -1,0 +1,74 @@
+"""Which cameras share nothing with the others, and what would join them."""
+
+from quadrig.rig.problem.build import Problem, components
+from quadrig.single.errors import QuadrigError
+
+
+def missing_cameras(problem: Problem, kept: list[int]) -> dict[str, str]:
+    """A sentence for each camera that is not among those kept: what it lacks, and what to show to whom."""
+    sentences = {}
+    for group in components(problem):
+        if group[0] in kept:
+            continue
+        for camera in group:
+            sentences[problem.cameras[camera].name] = _sentence(problem, camera, group, kept)
+    return sentences
+
+
+def refuse(problem: Problem) -> QuadrigError:
+    """The error for Views that join no two cameras: who stands alone, and what they would have to share."""
+    if len(problem.cameras) < 2:
+        return QuadrigError(
+            f"a rig needs two cameras and there is {len(problem.cameras)}; "
+            "give recordings of two or more, or calibrate a single one with `rig single`"
+        )
+    seeing = sorted({int(c) for c in problem.camera})
+    if not seeing:
+        return QuadrigError(
+            f"no rectangle was found by any of the {len(problem.cameras)} cameras; "
+            "check the markings, sizes and dictionaries in rig.toml against what was printed"
+        )
+    first = seeing[0]
+    rest = {c.name: _sentence(problem, i, [i], [first]) for i, c in enumerate(problem.cameras) if i != first}
+    return QuadrigError("no two cameras can be joined: " + "; ".join(rest.values()))
+
+
+def _sentence(problem: Problem, camera: int, group: list[int], kept: list[int]) -> str:
+    name = problem.cameras[camera].name
+    own = {int(problem.node[i]) for i in range(len(problem.views)) if problem.camera[i] == camera}
+    others = ", ".join(problem.cameras[c].name for c in kept)
+    if not own:
+        rectangles = ", ".join(repr(r) for r in sorted(problem.rectangles))
+        return f"{name} saw no rectangle; show it {rectangles} together with {others}"
+    company = [problem.cameras[c].name for c in group if c != camera]
+    joined = f" (only with {', '.join(company)})" if company else ""
+    near, rectangle, gap = _nearest(problem, camera, kept)
+    if rectangle is None:
+        wanted = sorted({problem.nodes[n].rectangle for n in own} - {""}) or sorted(problem.rectangles)
+        return (
+            f"{name} shares no rectangle with {others}{joined}; "
+            f"hold {wanted[0]!r} where {name} and {near} see it at once"
+        )
+    return (
+        f"{name} shares no rectangle with {others}{joined}; it comes nearest with {near}: both saw {rectangle!r}, "
+        f"{gap} framesets apart; hold {rectangle!r} still where {name} and {near} see it at once"
+    )
+
+
+def _nearest(problem: Problem, camera: int, kept: list[int]) -> tuple[str, str | None, int]:
+    """The kept camera, and the rectangle, that this camera comes nearest to sharing, and how many framesets apart."""
+    best: tuple[int, str, str] | None = None
+    own = [problem.views[i] for i in range(len(problem.views)) if problem.camera[i] == camera]
+    frames: dict[str, list[int]] = {}
+    for view in own:
+        frames.setdefault(view.rectangle, []).append(view.frameset)
+    for index in range(len(problem.views)):
+        other = problem.views[index]
+        if int(problem.camera[index]) in kept and other.rectangle in frames:
+            gap = min(abs(other.frameset - f) for f in frames[other.rectangle])
+            entry = (gap, other.camera, other.rectangle)
+            best = entry if best is None or entry < best else best
+    if best is None:
+        seeing = [c for c in kept if (problem.camera == c).any()] or kept
+        return problem.cameras[seeing[0]].name, None, 0
+    return best[1], best[2], best[0]

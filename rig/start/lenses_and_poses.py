@@ -1,0 +1,325 @@
+"""Each camera by itself: its lens and the pose of every rectangle it sees, from the single-image solver.
+
+This is where a rig starts: closed form for each View, the Views of a camera joined on one lens, both mirror twins and
+every reading of a View kept as candidates until other cameras decide.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from quadrig.rig.adjustment.levenberg_marquardt import Freedom, adjust
+from quadrig.rig.adjustment.normal_equations import State, linearise
+from quadrig.rig.adjustment.outliers import USUAL_NOISE, robust_noise
+from quadrig.rig.adjustment.priors import ENOUGH_POINTS, LEAST_NOISE, ROUGH, prior
+from quadrig.rig.problem.build import Problem
+from quadrig.rig.problem.observations import Observations, pack
+from quadrig.single.lens import image_middle, unproject
+from quadrig.single.pose import Pose, compose_jacobians
+from quadrig.single.rectangle import rectangle_corners
+from quadrig.single.rotation import Array, nearest_rotation
+from quadrig.single.solve.closed_form import closed_form
+from quadrig.single.solve.corners import Reason
+from quadrig.single.solve.homography import homographies
+from quadrig.single.solve.planar_pose import planar_poses
+
+# A first focal outside of these shares of the image's larger side is a 175 or a 3 degree lens: taken as a failure.
+_SHORTEST, _LONGEST = 0.05, 20.0
+# The focal that a camera starts from when none of its Views can tell: 53 degrees across.
+_USUAL_FOCAL = 1.0
+# A twin whose chi-square is this much above the first candidate's is out of the question (e^-20).
+_TWIN_COST = 40.0
+# Steps of each camera by itself: the joint adjustment follows.
+_MONO_STEPS = 3
+# Gauss-Newton steps of a twin, whose closed form is near already.
+_TWIN_STEPS = 2
+_NO_LENS = np.zeros(0, int)
+# Added to the diagonal of a pose's normal matrix (1/rad^2, 1/m^2): far below what any View tells.
+_LEAST_INFORMATION = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class Candidates:
+    """What each View says by itself: one row for each reading and twin.
+
+    view, reading (K,): whose they are. camera_from_node: a batch (K,). covariance (K, 6, 6) of its step.
+    cost (K,): chi-square above the View's likeliest candidate.
+    """
+
+    view: Array
+    reading: Array
+    camera_from_node: Pose
+    covariance: Array
+    cost: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Start:
+    """Lenses (C, 9), candidates of every View, and the noise (px) seen so far."""
+
+    lens: Array
+    candidates: Candidates
+    noise: float
+
+
+def start(problem: Problem) -> Start:
+    """Calibrate each camera against the rectangles it sees."""
+    observations = _alone(problem).thinned(ENOUGH_POINTS)
+    lens = _first_lenses(problem, observations)
+    poses, errors = _both_poses(observations, lens)
+    alone = _refine(problem, observations, lens, poses[:, 0], errors[:, 0])
+    return Start(alone.lens, _candidates(problem, observations, alone, poses[:, 1], errors), alone.noise)
+
+
+def _alone(problem: Problem) -> Observations:
+    """Every View with a pose of its own, in the frame of its rectangle, where it is flat."""
+    views = problem.views
+    models = ["pinhole" if c.intrinsics is None else c.intrinsics.model for c in problem.cameras]
+    return pack(
+        [v.points for v in views],
+        [v.pixels for v in views],
+        problem.sigmas,
+        problem.shares,
+        problem.camera,
+        np.arange(len(views)),
+        models,
+        len(views),
+    )
+
+
+def _first_lenses(problem: Problem, observations: Observations) -> Array:
+    """Lenses (C, 9): given ones as they are, others with the weighted median focal of their Views in closed form."""
+    middles = np.array([image_middle(c.width, c.height) for c in problem.cameras]).reshape(-1, 2)
+    larger = np.array([max(c.width, c.height) for c in problem.cameras], float)
+    focal, weight = np.full(len(problem.views), np.nan), np.zeros(len(problem.views))
+    for group in observations.groups:
+        focal[group.view], weight[group.view] = _focals(
+            group.points, group.pixels, group.weights, middles[group.camera]
+        )
+    lens = np.zeros((len(problem.cameras), 9))
+    lens[:, 8], lens[:, 1:3], lens[:, 0] = 1.0, middles, _USUAL_FOCAL * larger
+    for row, camera in enumerate(problem.cameras):
+        if camera.intrinsics is not None:
+            lens[row] = camera.intrinsics.parameters
+            continue
+        size = focal / larger[row]
+        own = (problem.camera == row) & (weight > 0) & (size > _SHORTEST) & (size < _LONGEST)
+        if own.any():
+            lens[row, 0] = _weighted_median(focal[own], weight[own])
+    return lens
+
+
+def _focals(points: Array, pixels: Array, weights: Array, middle: Array) -> tuple[Array, Array]:
+    """Focal (V,) of each View and its weight, zero where the View cannot tell."""
+    homography = homographies(points[..., :2], pixels, weights)
+    low, high = points[..., :2].min(axis=1), points[..., :2].max(axis=1)
+    size = high - low
+    corners = rectangle_corners(size[:, 0], size[:, 1])[..., :2] + ((low + high) / 2)[:, None]
+    mapped = np.concatenate([corners, np.ones((*corners.shape[:-1], 1))], axis=-1) @ np.swapaxes(homography, -1, -2)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        found = closed_form(mapped[..., :2] / mapped[..., 2:], size[:, 0], size[:, 1], middle)
+        # The four corners of the homography stand for all points: their noise falls with the number of points.
+        weight = (weights > 0).sum(axis=1) * (found.focal**2 / found.focal_sigma) ** 2
+    # An unknowable focal still votes, with the little weight that its sigma leaves it.
+    tells = (found.reason == Reason.OK) | (found.reason == Reason.FOCAL_UNKNOWABLE)
+    return found.focal, np.where(tells & np.isfinite(weight) & np.isfinite(found.focal), weight, 0.0)
+
+
+def _weighted_median(values: Array, weights: Array) -> float:
+    order = np.argsort(values, kind="stable")
+    cumulative = np.cumsum(weights[order])
+    return float(values[order][np.searchsorted(cumulative, cumulative[-1] / 2)])
+
+
+def _both_poses(observations: Observations, lens: Array) -> tuple[Pose, Array]:
+    """Both twins camera_from_rect of every View, a batch (V, 2), and their errors (V, 2) in the plane z = 1."""
+    count = len(observations.camera)
+    rotation, translation = np.tile(np.eye(3), (count, 2, 1, 1)), np.zeros((count, 2, 3))
+    translation[..., 2] = 1.0
+    errors = np.full((count, 2), np.inf)
+    for group in observations.groups:
+        ray = unproject(lens[group.camera][:, None, :], group.pixels, group.model)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            plane = np.where(ray[..., 2:] > 0.05, ray[..., :2] / ray[..., 2:], np.nan)
+        # Rays past 87 degrees, or none at all, have no place in the plane z = 1; the other points carry the pose.
+        lost = ~np.isfinite(plane).all(axis=-1)
+        weights = np.where(lost, 0.0, group.weights)
+        plane = np.where(lost[..., None], 0.0, plane)
+        solvable = (weights > 0).sum(axis=1) >= 4
+        if not solvable.any():
+            continue
+        homography = homographies(group.points[solvable][..., :2], plane[solvable], weights[solvable])
+        finite = np.isfinite(homography).all(axis=(-1, -2))
+        index = np.flatnonzero(solvable)[finite]
+        found = planar_poses(homography[finite], group.points[index], plane[index], weights[index])
+        rotation[group.view[index]] = found.camera_from_rect.rotation
+        translation[group.view[index]] = found.camera_from_rect.translation
+        errors[group.view[index]] = found.errors
+    return Pose(rotation, translation), errors
+
+
+@dataclass(frozen=True, eq=False)
+class _Alone:
+    """Each camera by itself: lenses (C, 9), noise (px), and of every View its pose, a batch (V,), the pose's
+    covariance (V, 6, 6) for its lens, and chi-square (V,)."""
+
+    lens: Array
+    noise: float
+    camera_from_rect: Pose
+    covariance: Array
+    cost: Array
+
+
+def _refine(problem: Problem, observations: Observations, lens: Array, poses: Pose, errors: Array) -> _Alone:
+    """Joint fit of each camera's focal and first distortion over its Views, poses following."""
+    cameras = len(problem.cameras)
+    open_lens = np.array([not c.fixed for c in problem.cameras])
+    free = np.zeros((cameras, 9), bool)
+    free[:, 0] = free[:, 3] = open_lens
+    mean, information = prior(problem, 0.02)
+    information[:, 0] = 1 / lens[:, 0] ** 2
+    mean[:, 0] = lens[:, 0]
+    freedom = Freedom(free, np.zeros(cameras, bool), np.ones(observations.nodes, bool), mean, information)
+    lengths = (lens[observations.camera, 0] * errors)[np.isfinite(errors)]
+    # A mean squared length is twice the variance of a coordinate.
+    noise = max(float(np.median(lengths)) / np.sqrt(2), LEAST_NOISE) if len(lengths) else USUAL_NOISE
+    found = adjust(observations, _by_themselves(lens, poses), freedom, noise, True, _MONO_STEPS, tolerance=ROUGH)
+    unknowns = 6 * float(problem.shares.sum()) + float(free.sum())
+    seen = max(robust_noise(observations, found.linearised.squares, unknowns), LEAST_NOISE)
+    lens_size = len(found.columns)
+    gram = found.linearised.gram[:, lens_size : lens_size + 6, lens_size : lens_size + 6] * (noise / seen) ** 2
+    covariance, cost = _own_doubt(gram, _chi_squares(observations, found.linearised.squares, seen))
+    return _Alone(found.state.lens, seen, found.state.rig_from_rect, covariance, cost)
+
+
+def _by_themselves(lens: Array, poses: Pose) -> State:
+    """Cameras (C,) that are each the rig frame, and poses camera_from_rect of all Views (V,)."""
+    cameras = len(lens)
+    return State(lens, Pose(np.tile(np.eye(3), (cameras, 1, 1)), np.zeros((cameras, 3))), poses)
+
+
+def _own_doubt(gram: Array, cost: Array) -> tuple[Array, Array]:
+    """Covariance (V, 6, 6) of poses of which the normal matrices are given, and chi-square (V,).
+
+    A View of no information (all points behind) gets a doubt that no vote will count.
+    """
+    behind = (np.trace(gram, axis1=-2, axis2=-1) == 0) | ~np.isfinite(cost)
+    return np.linalg.inv(gram + _LEAST_INFORMATION * np.eye(6)), np.where(behind, np.inf, cost)
+
+
+def _chi_squares(observations: Observations, squares: tuple[Array, ...], noise: float) -> Array:
+    """Chi-square (V,) of each View from its squared residuals; infinite for Views that are not among these."""
+    cost = np.full(len(observations.camera), np.inf)
+    for group, square in zip(observations.groups, squares, strict=True):
+        cost[group.view] = np.where(group.weights > 0, square * group.weights, 0.0).sum(axis=1) / noise**2
+    return cost
+
+
+def _candidates(problem: Problem, observations: Observations, alone: _Alone, twin: Pose, errors: Array) -> Candidates:
+    """First candidates, twins that cannot be excluded, and the turned readings of both."""
+    count = len(problem.views)
+    views, none = np.arange(count), np.zeros(count, int)
+    scale = alone.lens[observations.camera, 0] / alone.noise
+    # The closed form's own error says which twins are worth a refinement: it overstates their cost, if anything.
+    points = np.zeros(count)
+    for group in observations.groups:
+        points[group.view] = (group.weights > 0).sum(axis=1)
+    gap = points * scale**2 * (errors[:, 1] ** 2 - errors[:, 0] ** 2)
+    weak = views[np.isfinite(errors[:, 1]) & (gap < 4 * _TWIN_COST)]
+    parts = [(views, none, alone.camera_from_rect, alone.covariance, np.zeros(count))]
+    if len(weak):
+        refined, covariance, cost = _refined_twins(observations, alone, twin, weak)
+        apart = _differs(alone.camera_from_rect[weak], refined[weak], alone.covariance[weak])
+        keep = weak[(cost[weak] - alone.cost[weak] < _TWIN_COST) & apart]
+        parts.append((keep, none[keep], refined[keep], covariance[keep], (cost - alone.cost)[keep]))
+    parts += _turned(problem, parts)
+    parts = [_in_node_frame(problem, part) for part in parts]
+    view = np.concatenate([p[0] for p in parts])
+    every_cost = np.concatenate([p[4] for p in parts])
+    least = np.full(count, np.inf)
+    np.minimum.at(least, view, every_cost)
+    order = np.lexsort((np.concatenate([p[1] for p in parts]), every_cost, view))
+    return Candidates(
+        view[order],
+        np.concatenate([p[1] for p in parts])[order],
+        Pose(
+            np.concatenate([p[2].rotation for p in parts])[order],
+            np.concatenate([p[2].translation for p in parts])[order],
+        ),
+        np.concatenate([p[3] for p in parts])[order],
+        (every_cost - least[view])[order],
+    )
+
+
+_Part = tuple[Array, Array, Pose, Array, Array]
+
+
+def _refined_twins(observations: Observations, alone: _Alone, twin: Pose, weak: Array) -> tuple[Pose, Array, Array]:
+    """Twins of the weak Views (indices) fitted, all with their covariance (V, 6, 6) and chi-square (V,)."""
+    chosen = np.zeros(observations.nodes, bool)
+    chosen[weak] = True
+    views, here, best = observations.only(chosen), twin, twin
+    gram, cost = np.zeros((len(chosen), 6, 6)), np.full(len(chosen), np.inf)
+    for step in range(_TWIN_STEPS + 1):
+        found = linearise(views, _by_themselves(alone.lens, here), _NO_LENS, alone.noise, True)
+        seen, normal = _chi_squares(views, found.squares, alone.noise), found.gram[:, :6, :6]
+        better = seen < cost
+        cost[better], gram[better] = seen[better], normal[better]
+        best = Pose(
+            np.where(better[:, None, None], here.rotation, best.rotation),
+            np.where(better[:, None], here.translation, best.translation),
+        )
+        if step < _TWIN_STEPS:
+            steps = np.linalg.solve(normal + _LEAST_INFORMATION * np.eye(6), found.gram[:, :6, 6:])[..., 0]
+            here = here.retract(steps)
+    return best, *_own_doubt(gram, cost)
+
+
+def _differs(first: Pose, other: Pose, covariance: Array) -> Array:
+    """Which poses (V,) are further apart than their own doubt: the others are one candidate, found twice."""
+    step = first.step_to(other)
+    return np.einsum("vi,vij,vj->v", step, np.linalg.inv(covariance), step) > 9.0
+
+
+def _turned(problem: Problem, parts: list[_Part]) -> list[_Part]:
+    """The same poses read with the points of each further reading."""
+    turned: list[_Part] = []
+    readings = np.array([len(v.readings) for v in problem.views])
+    for reading in range(1, int(readings.max(initial=1))):
+        for view, _, pose, covariance, cost in parts:
+            own = np.flatnonzero(readings[view] > reading)
+            if not len(own):
+                continue
+            turns = [_turn(problem.views[v].readings[reading], problem.views[v].points) for v in view[own]]
+            first_from_other = Pose(np.stack([t.rotation for t in turns]), np.stack([t.translation for t in turns]))
+            turned.append(
+                (view[own], np.full(len(own), reading), pose[own] @ first_from_other, covariance[own], cost[own])
+            )
+    return turned
+
+
+def _turn(from_points: Array, to_points: Array) -> Pose:
+    """The rigid motion of the plane that takes one reading's points to another's (Kabsch 1976)."""
+    a, b = from_points - from_points.mean(axis=0), to_points - to_points.mean(axis=0)
+    correlation = b.T @ a
+    # Points of a plane leave the third axis open: it stays where it is.
+    correlation[2, 2] += np.trace(a.T @ a)
+    rotation = nearest_rotation(correlation)
+    return Pose(rotation, to_points.mean(axis=0) - rotation @ from_points.mean(axis=0))
+
+
+def _in_node_frame(problem: Problem, part: _Part) -> _Part:
+    """Poses of surveyed rectangles as poses of the world they stand in; the step's covariance does not change."""
+    view, reading, pose, covariance, cost = part
+    surveyed = {name: r.world_from_rect for name, r in problem.rectangles.items() if r.world_from_rect is not None}
+    rows = [row for row, index in enumerate(view) if problem.views[index].rectangle in surveyed]
+    if not rows:
+        return part
+    rotation, translation, moved = pose.rotation.copy(), pose.translation.copy(), covariance.copy()
+    for row in rows:
+        rect_from_world = surveyed[problem.views[view[row]].rectangle].inverse()
+        camera_from_world = pose[row] @ rect_from_world
+        rotation[row], translation[row] = camera_from_world.rotation, camera_from_world.translation
+        shift, _ = compose_jacobians(pose[row], rect_from_world)
+        moved[row] = shift @ covariance[row] @ shift.T
+    return view, reading, Pose(rotation, translation), moved, cost

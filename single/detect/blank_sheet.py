@@ -1,0 +1,164 @@
+"""A blank sheet, lighter or darker than what it lies on: its four corners from its four edges."""
+
+import cv2
+import numpy as np
+
+from quadrig.single.detect.edge_fit import fit_outline
+from quadrig.single.rectangle import Rectangle
+from quadrig.single.rotation import Array
+from quadrig.single.view import View
+
+# Search at no more pixels than this along the image's longer side: a sheet is large.
+_SEARCH_SIDE = 640
+# Share of the image's area below which a blank quadrilateral is not taken for the sheet.
+_LEAST_AREA = 0.004
+# Grey levels from sheet to ground.
+_LEAST_CONTRAST = 15.0
+# rms of what the blurred straight edge leaves unexplained beside it, as share of the contrast.
+_UNEXPLAINED = 0.25
+# Standard deviation of grey within the sheet, as share of the contrast: a blank sheet bears no print.
+_PRINT = 0.2
+# A second sheet of this share of the first one's area makes the choice a guess.
+_RIVAL = 0.4
+# Share by which angle and side ratio may be missed where the lens bends the outline or is not centred.
+_SURELY_WRONG = 0.15
+# px that a real sheet's edge and corner depart from the model.
+_MODEL_SIGMA = 0.05
+
+
+def detect_plain(grey: Array, rectangle: Rectangle) -> View | None:
+    """The View of the one blank sheet in the image, wholly in sight, or None where there is none or no telling.
+
+    A blank sheet looks the same after half a turn, a square one after a quarter: the reading nearest to upright in
+    the image comes first, the others are the View's alternatives.
+    """
+    quads = _candidates(grey)
+    fitted = [fit for fit in (_fit(grey, quad) for quad in quads) if fit is not None]
+    fitted.sort(key=lambda item: -cv2.contourArea(item[0].astype(np.float32)))
+    best = _undisputed(fitted)
+    if best is None:
+        return None
+    corners, sigma = best
+    orders = _possible(rectangle, corners, _readings(corners), grey.shape)
+    points = rectangle.corners
+    return View(
+        rectangle.name,
+        points,
+        corners[orders[0]],
+        alternatives=tuple(points[np.argsort(order)][orders[0]] for order in orders[1:]),
+        sigma=float(np.hypot(sigma, _MODEL_SIGMA)),
+    )
+
+
+def _candidates(grey: Array) -> list[Array]:
+    """Rough convex quadrilaterals (4, 2) px, clockwise, that any threshold cuts out of the picture."""
+    scale = min(1.0, _SEARCH_SIDE / max(grey.shape))
+    small = cv2.resize(grey, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA) if scale < 1 else grey
+    small = cv2.GaussianBlur(small, (0, 0), 1.0)
+    low, high = np.percentile(small, [1, 99])
+    quads: list[Array] = []
+    for threshold in np.linspace(low, high, 16)[1:-1]:
+        _, mask = cv2.threshold(small, float(threshold), 255, cv2.THRESH_BINARY)
+        contours, _ = cv2.findContours(mask, cv2.RETR_LIST, cv2.CHAIN_APPROX_SIMPLE)
+        for contour in contours:
+            quad = _quad(contour, small.shape)
+            if quad is not None and not any(np.abs(quad - other).max() < 3 for other in quads):
+                quads.append(quad)
+    return [(quad + 0.5) / scale - 0.5 for quad in quads]
+
+
+def _quad(contour: Array, shape: tuple[int, ...]) -> Array | None:
+    hull = cv2.convexHull(contour)
+    area = cv2.contourArea(contour)
+    if area < _LEAST_AREA * shape[0] * shape[1] or area < 0.9 * cv2.contourArea(hull):
+        return None
+    polygon = cv2.approxPolyDP(hull, 0.02 * cv2.arcLength(hull, True), True).reshape(-1, 2).astype(float)
+    if len(polygon) != 4 or cv2.contourArea(polygon.astype(np.float32)) < 0.92 * area:
+        return None
+    if (polygon < 2).any() or (polygon > np.array(shape[::-1]) - 3).any():
+        return None
+    turn = np.cross(np.append(polygon[1] - polygon[0], 0), np.append(polygon[2] - polygon[1], 0))[2]
+    return polygon if turn > 0 else polygon[::-1].copy()
+
+
+def _fit(grey: Array, quad: Array) -> tuple[Array, float] | None:
+    corners = quad[None]
+    span = np.linalg.norm(np.roll(quad, -1, axis=0) - quad, axis=1).min()
+    # First wide, since the search was coarse, then close to the edge, where the ground's texture counts less.
+    for reach in (min(8.0, 0.2 * span), min(5.0, 0.2 * span)):
+        corners, sigma, fit = fit_outline(grey, corners, np.full((1, 4), reach))
+        if not np.isfinite(corners).all() or np.abs(corners[0] - quad).max() > 0.1 * span + 4:
+            return None
+    if (corners < 3).any() or (corners > np.array(grey.shape[::-1]) - 4).any():
+        # What the image's own edge cuts off has no corner there.
+        return None
+    contrast = fit.contrast
+    if np.abs(contrast).min() < _LEAST_CONTRAST or len(set(np.sign(contrast))) > 1:
+        return None
+    if np.any(fit.noise > _UNEXPLAINED * np.abs(contrast)) or not _blank(grey, corners[0], np.abs(contrast).min()):
+        return None
+    return corners[0], float(np.sqrt(np.mean(sigma**2)))
+
+
+def _blank(grey: Array, corners: Array, contrast: float) -> bool:
+    """Whether what lies within is of one tone, but for a slow change of light."""
+    size = 48
+    inset = corners.mean(axis=0) + 0.92 * (corners - corners.mean(axis=0))
+    unit = np.array([[0, 0], [size, 0], [size, size], [0, size]], np.float32)
+    image_from_unit = cv2.getPerspectiveTransform(unit, inset.astype(np.float32))
+    inside = cv2.warpPerspective(
+        cv2.blur(grey, (3, 3)), image_from_unit, (size, size), flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+    ).astype(float)
+    y, x = np.mgrid[-1 : 1 : size * 1j, -1 : 1 : size * 1j]
+    basis = np.stack([np.ones(size * size), x.ravel(), y.ravel()], axis=1)
+    left = inside.ravel() - basis @ np.linalg.lstsq(basis, inside.ravel(), rcond=None)[0]
+    return float(np.std(left)) < _PRINT * contrast
+
+
+def _undisputed(fitted: list[tuple[Array, float]]) -> tuple[Array, float] | None:
+    if not fitted:
+        return None
+    corners, _ = fitted[0]
+    area = cv2.contourArea(corners.astype(np.float32))
+    for other, _ in fitted[1:]:
+        apart = cv2.pointPolygonTest(corners.astype(np.float32), tuple(other.mean(axis=0).tolist()), False) < 0
+        if apart and cv2.contourArea(other.astype(np.float32)) > _RIVAL * area:
+            return None
+    return fitted[0]
+
+
+def _readings(corners: Array) -> list[list[int]]:
+    """Orders that put clockwise image corners into Eq. 4's order, the most upright first."""
+    orders = [[(start + k) % 4 for k in range(4)] for start in range(4)]
+    # Eq. 4's first side runs leftwards along the bottom: width; so what is most upright has it point most to -x.
+    leftward = []
+    for order in orders:
+        first = corners[order[1]] - corners[order[0]] + corners[order[2]] - corners[order[3]]
+        leftward.append(-first[0] / max(np.linalg.norm(first), 1e-9))
+    return [orders[k] for k in np.argsort(leftward)[::-1]]
+
+
+def _possible(
+    rectangle: Rectangle, corners: Array, orders: list[list[int]], shape: tuple[int, ...]
+) -> list[list[int]]:
+    """The orders that some focal length explains; those of a quarter turn seldom are, unless the sheet is square.
+
+    A homography has one constraint more than an unknown focal needs (orthogonal sides, and their ratio): it is spent
+    on the choice here, with the principal point in the image's middle.
+    """
+    misfits = [_misfit(rectangle, corners[order], shape) for order in orders]
+    limit = max(_SURELY_WRONG, 3 * min(misfits))
+    kept = [order for order, misfit in zip(orders, misfits, strict=True) if misfit <= limit]
+    return sorted(kept, key=lambda order: misfits[orders.index(order)] > _SURELY_WRONG / 3)
+
+
+def _misfit(rectangle: Rectangle, corners: Array, shape: tuple[int, ...]) -> float:
+    """Least share by which right angle or side ratio are missed, over all focals from fisheye to telephoto."""
+    middle = np.array([(shape[1] - 1) / 2, (shape[0] - 1) / 2])
+    plane = rectangle.corners[:, :2].astype(np.float32)
+    homography = cv2.getPerspectiveTransform(plane, (corners - middle).astype(np.float32))
+    focals = max(shape) * np.geomspace(0.3, 8.0, 60)
+    rays = homography[None, :, :2] / np.stack([focals, focals, np.ones_like(focals)], axis=1)[:, :, None]
+    first, second = np.linalg.norm(rays[..., 0], axis=1), np.linalg.norm(rays[..., 1], axis=1)
+    cosine = np.abs(np.sum(rays[..., 0] * rays[..., 1], axis=1)) / (first * second)
+    return float(np.min(np.hypot(cosine, np.log(first / second))))

@@ -1,0 +1,42 @@
+"""A board's corners: windows around them, which ones are good, and how sure."""
+
+import numpy as np
+
+from quadrig.single.detect.corner_fit import CornerFit
+from quadrig.single.rotation import Array
+
+# A corner whose fit leaves more than this share of its contrast unexplained (rms) is covered, torn or no corner.
+_UNEXPLAINED = 0.2
+_ALWAYS_EXPLAINED = 0.05
+# Grey levels between the squares below which a corner is lost in the noise.
+_LEAST_CONTRAST = 12.0
+# sigma (px) above which a corner says too little to be worth the risk.
+_WORST_SIGMA = 0.5
+# A corner this many px from the middle of its window is fitted again in a window of its own.
+_RECENTRE = 1.5
+# px that the model is wrong by on real lenses, added to what noise explains.
+_MODEL_SIGMA = 0.02
+# Largest window (px): farther out the lens bends the squares' edges.
+_WIDEST = 7.0
+
+
+def _window(axes: Array) -> Array:
+    """Radius in px that holds the four squares of a corner and nothing beyond them."""
+    area = np.abs(np.linalg.det(axes))
+    across = area / np.max(np.linalg.norm(axes, axis=2), axis=1)
+    return np.clip(0.7 * across, 2.0, _WIDEST)
+
+
+def _good(fit: CornerFit) -> Array:
+    strength = np.abs(fit.contrast)
+    explained = fit.noise < _UNEXPLAINED * strength
+    return explained & (strength > _LEAST_CONTRAST) & (fit.sigma < _WORST_SIGMA) & np.isfinite(fit.pixels).all(axis=1)
+
+
+def _alike(fit: CornerFit) -> Array:
+    """Which corners leave about as much unexplained as their fellows: one with much more is touched by something."""
+    return fit.noise < np.maximum(3 * np.median(fit.noise), _ALWAYS_EXPLAINED * np.abs(fit.contrast))
+
+
+def _view_sigma(sigma: Array) -> float:
+    return float(np.hypot(np.sqrt(np.mean(sigma**2)), _MODEL_SIGMA))

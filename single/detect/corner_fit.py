@@ -1,0 +1,128 @@
+"""Where a corner of a board lies to a fraction of a pixel."""
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from quadrig.single.detect.blurred_step import (
+    _BLUR_SPREAD,
+    _ITERATIONS,
+    _LEAST_NOISE,
+    _SHARPEST,
+    _SOFTEST,
+    _USUAL_BLUR,
+    _grey,
+    _mean,
+    _settled,
+    _solve_damped,
+    _step,
+)
+from quadrig.single.rotation import Array
+
+
+@dataclass(frozen=True, eq=False)
+class CornerFit:
+    """Board corners: pixels (N, 2), sigma (N,) px a coordinate, noise and contrast (N,) in grey levels, blur px."""
+
+    pixels: Array
+    sigma: Array
+    noise: Array
+    contrast: Array
+    blur: Array
+
+    def changed(self, index: Array, other: "CornerFit") -> "CornerFit":
+        """The same with the corners of these indices taken from another fit."""
+        parts = [(getattr(self, one.name).copy(), getattr(other, one.name)) for one in fields(self)]
+        for whole, part in parts:
+            whole[index] = part
+        return CornerFit(*(whole for whole, _ in parts))
+
+
+def fit_corners(image: Array, pixels: Array, axes: Array, radius: Array, clear: float = np.inf) -> CornerFit:
+    """Fit corners where four squares of a board meet, near pixels (N, 2), in a grey image (h, w).
+
+    axes (N, 2, 2): px that one square's side spans along the board's columns and along its rows at each corner.
+    radius (N,): px around the corner to use. clear: share of a square's side around each of the board's lines that is
+    free of print (ChArUco boards have tags in the white squares).
+    """
+    wide = int(np.ceil(np.max(radius, initial=1.0))) + 1
+    steps = np.arange(-wide, wide + 1)
+    window = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
+    window = window[np.hypot(*window.T) < np.max(radius, initial=1.0) + 1.3][None]
+    whole = np.rint(pixels).astype(int)[:, None] + window
+    grey, valid = _grey(image, whole[..., 0], whole[..., 1])
+    places = whole - pixels[:, None]
+    square = np.linalg.inv(np.swapaxes(axes, 1, 2))
+    board = places @ np.swapaxes(square, 1, 2)
+    weight = valid * np.clip(radius[:, None] + 0.5 - np.linalg.norm(places, axis=-1), 0, 1)
+    # One more pixel stays clear for the blur of the tags' edges.
+    pixel = 1.2 / np.min(np.linalg.norm(axes, axis=2), axis=1)[:, None]
+    weight = weight * ~((np.abs(board) > np.maximum(clear - pixel, pixel)[..., None]).all(axis=-1))
+    return _corner_iterations(pixels, axes, places.astype(np.float32), grey, weight.astype(np.float32))
+
+
+def _corner_iterations(pixels, axes, places, grey, weight) -> CornerFit:
+    count = len(pixels)
+    parameters = np.zeros((count, 9))  # x, y, two angles, log blur, mean grey, its slopes, half contrast
+    parameters[:, 2:4] = np.arctan2(axes[:, :, 1], axes[:, :, 0])
+    parameters[:, 4] = _USUAL_BLUR
+    total = np.maximum(weight.sum(axis=1), 1e-9)
+    parameters[:, 5] = _mean(grey, weight)
+    pattern = _corner_model(parameters, places, grey)[1][:, 8]
+    parameters[:, 8] = np.sum(weight * pattern * (grey - parameters[:, 5:6]), axis=1) / np.maximum(
+        np.sum(weight * pattern**2, axis=1), 1e-9
+    )
+    noise = np.full(count, 4.0)
+    inverse = np.zeros((count, 9, 9))
+    active = np.arange(count)
+    for _ in range(_ITERATIONS):
+        now, w = parameters[active], weight[active]
+        residual, jacobian = _corner_model(now, places[active], grey[active])
+        level = np.sqrt(np.sum(w * residual**2, axis=1) / np.maximum(total[active] - 8, 1)) + _LEAST_NOISE
+        prior = np.zeros((len(active), 9))
+        # The board's own lines are known to some degrees.
+        prior[:, 2:4] = (level[:, None] / 0.15) ** 2
+        prior[:, 4] = (level / _BLUR_SPREAD) ** 2
+        prior[:, 6:8] = (level / (0.05 * np.abs(now[:, 8]) + 0.1))[:, None] ** 2
+        pull = np.zeros((len(active), 9))
+        pull[:, 4] = _USUAL_BLUR - now[:, 4]
+        pull[:, 6:8] = -now[:, 6:8]
+        step, inverse[active] = _solve_damped(jacobian, residual, w, prior, pull)
+        step[:, :2] = np.clip(step[:, :2], -1.0, 1.0)
+        step[:, 2:4] = np.clip(step[:, 2:4], -0.3, 0.3)
+        step[:, 4] = np.clip(step[:, 4], -0.5, 0.5)
+        parameters[active] = now + step
+        parameters[:, 4] = np.clip(parameters[:, 4], np.log(_SHARPEST), np.log(_SOFTEST))
+        noise[active] = level
+        active = active[~_settled(step[:, :2], step[:, 4])]
+        if not len(active):
+            break
+    sigma = noise * np.sqrt(np.maximum(inverse[:, 0, 0] + inverse[:, 1, 1], 0) / 2)
+    return CornerFit(pixels + parameters[:, :2], sigma, noise, 2 * parameters[:, 8], np.exp(parameters[:, 4]))
+
+
+def _corner_model(parameters: Array, places: Array, grey: Array) -> tuple[Array, Array]:
+    x, y, first, second, log_blur, mean, slope_x, slope_y, half = parameters.astype(np.float32).T[..., None]
+    blur = np.exp(log_blur)
+    dx, dy = places[..., 0] - x, places[..., 1] - y
+    signs, by_distance, by_blur, distance_along = [], [], [], []
+    for angle in (first, second):
+        cos, sin = np.cos(angle), np.sin(angle)
+        value, slope, widen = _step(cos * dy - sin * dx, blur)
+        signs.append(2 * value - 1)
+        by_distance.append(2 * slope)
+        by_blur.append(2 * widen)
+        distance_along.append(cos * dx + sin * dy)
+    product = signs[0] * signs[1]
+    residual = grey - (mean + slope_x * places[..., 0] + slope_y * places[..., 1] + half * product)
+    cross = [half * by_distance[0] * signs[1], half * by_distance[1] * signs[0]]
+    jacobian = np.empty((len(x), 9, dx.shape[1]), np.float32)
+    jacobian[:, 0] = cross[0] * np.sin(first) + cross[1] * np.sin(second)
+    jacobian[:, 1] = -cross[0] * np.cos(first) - cross[1] * np.cos(second)
+    jacobian[:, 2] = -cross[0] * distance_along[0]
+    jacobian[:, 3] = -cross[1] * distance_along[1]
+    jacobian[:, 4] = half * (by_blur[0] * signs[1] + by_blur[1] * signs[0]) * blur
+    jacobian[:, 5] = 1
+    jacobian[:, 6], jacobian[:, 7] = places[..., 0], places[..., 1]
+    jacobian[:, 8] = product
+    return residual, jacobian

@@ -1,0 +1,222 @@
+"""Where an edge, and where a corner of a board, lies to a fraction of a pixel.
+
+Both are least-squares fits of a blurred step to the grey values themselves, at the centres of their pixels: nothing
+is interpolated, so nothing is biased towards the pixel grid. Both fit many places of one image at once.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from quadrig.single.detect.blurred_step import (
+    _BLUR_SPREAD,
+    _ITERATIONS,
+    _LEAST_NOISE,
+    _SHARPEST,
+    _SOFTEST,
+    _USUAL_BLUR,
+    _grey,
+    _mean,
+    _settled,
+    _solve_damped,
+    _step,
+)
+from quadrig.single.rotation import Array
+
+# Bow (px over half a side of 50 px) that a strong wide-angle lens gives a straight edge; it grows with the square.
+_BOW = 0.5
+# Grey levels: white that may have been cut off, and ink that at a good exposure is darker even in a gamma curve.
+# Where both are passed, an unknown part of the step is missing, and its middle with it.
+_CLIPPED, _LIGHT_INK = 252.0, 90.0
+
+
+@dataclass(frozen=True, eq=False)
+class EdgeFit:
+    """Sides of outlines: offset c0 + c1 u + c2 u^2 (px, along the normal) over u in [-1, 1] from start to end.
+
+    coefficients (N, 3), covariance (N, 3, 3), noise (N,) grey levels, contrast (N,) grey levels from inside to
+    outside, blur (N,) px, dark (N,) grey level of the inner side.
+    """
+
+    coefficients: Array
+    covariance: Array
+    noise: Array
+    contrast: Array
+    blur: Array
+    dark: Array
+
+    @property
+    def washed_out(self) -> Array:
+        """Which (N,) edges run between white that is clipped and a dark side that is light: they lie elsewhere."""
+        lighter, darker = (
+            np.maximum(self.dark, self.dark + self.contrast),
+            np.minimum(self.dark, self.dark + self.contrast),
+        )
+        return (lighter > _CLIPPED) & (darker > _LIGHT_INK)
+
+
+def fit_edges(
+    image: Array,
+    start: Array,
+    end: Array,
+    inside: Array,
+    reach: Array,
+    margin: Array,
+    bow: Array | None = None,
+    most: int = 96,
+) -> EdgeFit:
+    """Fit the edges near the lines from start to end (N, 2) px in a grey image (h, w).
+
+    inside (N, 2): a point on the darker or lighter inner side, which gives the normal its sense (it points away).
+    reach (N,): px to either side that belong to this edge alone. margin (N,): px at both ends to leave out.
+    bow (N,): px by which the edge is known to bulge inwards between its ends (c2); straight where None.
+    most: lines of pixels across an edge that are looked at; more tell little more of a straight edge.
+    """
+    along = end - start
+    length = np.linalg.norm(along, axis=1)
+    tangent = along / length[:, None]
+    normal = np.stack([tangent[:, 1], -tangent[:, 0]], axis=1)
+    middle = (start + end) / 2
+    normal *= -np.sign(np.sum((inside - middle) * normal, axis=1))[:, None]
+    bow = np.zeros(len(start)) if bow is None else bow
+    u, offset, grey, valid = _edge_samples(image, middle, tangent, normal, length, reach, margin, bow, most)
+    return _edge_iterations(u, offset, grey, valid, length, reach, bow)
+
+
+def _edge_samples(image, middle, tangent, normal, length, reach, margin, bow, most):
+    """Pixels in the bands along the edges, with their exact places: u along in [-1, 1], offset across in px."""
+    free = np.maximum(length - 2 * margin, 1.0)
+    many = int(np.clip(np.max(free), 8, most))
+    wide = int(np.ceil(np.max(reach)))
+    s = (np.linspace(-0.5, 0.5, many)[None, :, None]) * free[:, None, None]
+    bulge = bow[:, None, None] * ((2 * s / length[:, None, None]) ** 2 - 1)
+    n = np.arange(-wide, wide + 1)[None, None, :] + bulge
+    points = middle[:, None, None] + s[..., None] * tangent[:, None, None] + n[..., None] * normal[:, None, None]
+    whole = np.rint(points).astype(int)
+    grey, valid = _grey(image, whole[..., 0], whole[..., 1])
+    shift = whole - middle[:, None, None]
+    u = np.sum(shift * tangent[:, None, None], axis=-1) / (length[:, None, None] / 2)
+    offset = np.sum(shift * normal[:, None, None], axis=-1)
+    valid &= np.abs(offset - bow[:, None, None] * (u**2 - 1)) <= reach[:, None, None] + 0.5
+    flat = len(length), -1
+    # A pixel of a short side is met several times; its weight is that of one pixel.
+    repeat = np.minimum(1.0, free / many)[:, None]
+    parts = u, offset, grey, valid * repeat[..., None]
+    return tuple(part.reshape(flat).astype(np.float32) for part in parts)
+
+
+def _edge_iterations(u, offset, grey, weight, length, reach, start_bow) -> EdgeFit:
+    count = len(length)
+    parameters = np.zeros((count, 8))  # dark, its slope, contrast, its slope, c0, c1, c2, log blur
+    total = np.maximum(weight.sum(axis=1), 1e-9)
+    across = offset - start_bow[:, None] * (u**2 - 1)
+    bright = _mean(grey, weight * (across > 0.4 * reach[:, None]))
+    dark = _mean(grey, weight * (across < -0.4 * reach[:, None]))
+    parameters[:, 4], parameters[:, 6] = -start_bow, start_bow
+    parameters[:, 0], parameters[:, 2] = dark, bright - dark
+    # A step as soft as the band is wide feels the edge from afar; it sharpens as it comes nearer.
+    parameters[:, 7] = np.log(np.maximum(0.5, reach / 4))
+    farthest = np.maximum(1.0, reach / 4)[:, None]
+    noise = np.full(count, 4.0)
+    bow = _BOW * (length / 100) ** 2
+    inverse = np.zeros((count, 8, 8))
+    active = np.arange(count)
+    for _ in range(_ITERATIONS):
+        now, w = parameters[active], weight[active]
+        residual, jacobian = _edge_model(now, u[active], offset[active], grey[active])
+        level = np.sqrt(np.sum(w * residual**2, axis=1) / np.maximum(total[active] - 7, 1)) + _LEAST_NOISE
+        prior = np.zeros((len(active), 8))
+        prior[:, [1, 3]] = (level / (0.5 * np.abs(now[:, 2]) + 1))[:, None] ** 2
+        prior[:, 6] = (level / bow[active]) ** 2
+        prior[:, 7] = (level / _BLUR_SPREAD) ** 2
+        pull = -now
+        pull[:, 7] += _USUAL_BLUR
+        step, inverse[active] = _solve_damped(jacobian, residual, w, prior, pull)
+        step[:, 4:7] = np.clip(step[:, 4:7], -farthest[active], farthest[active])
+        step[:, 7] = np.clip(step[:, 7], -0.5, 0.5)
+        parameters[active] = now + step
+        parameters[:, 7] = np.clip(parameters[:, 7], np.log(_SHARPEST), np.log(_SOFTEST))
+        noise[active] = level
+        active = active[~_settled(step[:, 4:7], step[:, 7])]
+        if not len(active):
+            break
+    covariance = inverse[:, 4:7, 4:7] * (noise**2)[:, None, None]
+    dark, contrast = parameters[:, 0].copy(), parameters[:, 2].copy()
+    return EdgeFit(parameters[:, 4:7].copy(), covariance, noise, contrast, np.exp(parameters[:, 7]), dark)
+
+
+def _edge_model(parameters: Array, u: Array, offset: Array, grey: Array) -> tuple[Array, Array]:
+    dark, dark_slope, contrast, contrast_slope, c0, c1, c2, log_blur = parameters.astype(np.float32).T[..., None]
+    blur = np.exp(log_blur)
+    value, slope, by_blur = _step(offset - (c0 + u * (c1 + u * c2)), blur)
+    height = contrast + contrast_slope * u
+    residual = grey - (dark + dark_slope * u + height * value)
+    jacobian = np.empty((len(u), 8, u.shape[1]), np.float32)
+    jacobian[:, 0], jacobian[:, 1] = 1, u
+    jacobian[:, 2], jacobian[:, 3] = value, u * value
+    jacobian[:, 4] = -height * slope
+    jacobian[:, 5] = jacobian[:, 4] * u
+    jacobian[:, 6] = jacobian[:, 5] * u
+    jacobian[:, 7] = height * by_blur * blur
+    return residual, jacobian
+
+
+def fit_outline(
+    image: Array, corners: Array, reach: Array, bow: Array | None = None, blur: Array | None = None, most: int = 96
+) -> tuple[Array, Array, EdgeFit]:
+    """Corners (N, 4, 2) px of quadrilaterals, from the four edges of each, with what the edges told.
+
+    reach (N, 4): px to either side of the side from corner k to k + 1 that belong to that edge alone.
+    bow (N, 4): how far each side is known to bulge (c2 of an earlier fit), px. blur (N, 4): px, where known.
+    Returns corners (N, 4, 2), sigma (N, 4) px a coordinate, and the EdgeFit of all sides (4 N in order).
+    """
+    count = len(corners)
+    start, end = corners.reshape(-1, 2), np.roll(corners, -1, axis=1).reshape(-1, 2)
+    centre = np.repeat(corners.mean(axis=1), 4, axis=0)
+    length = np.linalg.norm(end - start, axis=1)
+    # Blur rounds a corner off: within some two pixels of it, or two and a half times a blur that is known.
+    rounded = 2.0 if blur is None else np.maximum(2.0, 2.5 * blur.reshape(-1))
+    margin = np.minimum(np.maximum(rounded, 0.06 * length), 0.3 * length)
+    flat_bow = None if bow is None else bow.reshape(-1)
+    fit = fit_edges(image, start, end, centre, reach.reshape(-1), margin, flat_bow, most)
+    refined, sigma = _meet(corners, fit)
+    return refined.reshape(count, 4, 2), sigma.reshape(count, 4), fit
+
+
+def _meet(corners: Array, fit: EdgeFit) -> tuple[Array, Array]:
+    """Where each side meets the one before it."""
+    count = len(corners)
+    end = np.roll(corners, -1, axis=1)
+    along = end - corners
+    length = np.linalg.norm(along, axis=2, keepdims=True)
+    tangent = along / length
+    normal = np.stack([tangent[..., 1], -tangent[..., 0]], axis=-1)
+    middle = (corners + end) / 2
+    centre = corners.mean(axis=1, keepdims=True)
+    normal = normal * -np.sign(np.sum((centre - middle) * normal, axis=-1, keepdims=True))
+    # Of each corner (N, 4): its own side and the one before it (2).
+    both = np.stack([np.arange(4), [3, 0, 1, 2]], axis=1)
+    middle, tangent, normal = middle[:, both], tangent[:, both], normal[:, both]
+    half = length[:, both, 0] / 2
+    c = fit.coefficients.reshape(count, 4, 3)[:, both]
+    points = corners.copy()
+    for _ in range(3):
+        shift = points[:, :, None] - middle
+        u = np.sum(shift * tangent, axis=-1) / half
+        powers = np.stack([np.ones_like(u), u, u * u], axis=-1)
+        slope = (c[..., 1] + 2 * c[..., 2] * u) / half
+        gaps = np.sum(shift * normal, axis=-1) - np.sum(c * powers, axis=-1)
+        inverse = _inverse(normal - slope[..., None] * tangent)
+        points = points - (inverse @ gaps[..., None])[..., 0]
+    covariance = fit.covariance.reshape(count, 4, 3, 3)[:, both]
+    variances = np.sum((covariance @ powers[..., None])[..., 0] * powers, axis=-1)
+    variance = np.sum(inverse**2 * variances[..., None, :], axis=(-1, -2)) / 2
+    return points, np.sqrt(np.maximum(variance, 0))
+
+
+def _inverse(rows: Array) -> Array:
+    """Of matrices (..., 2, 2), one of parallel rows taken as all but parallel."""
+    (a, b), (c, d) = np.moveaxis(rows, (-2, -1), (0, 1))
+    determinant = a * d - b * c
+    determinant = np.where(np.abs(determinant) < 1e-6, 1e-6, determinant)
+    return np.moveaxis(np.array([[d, -b], [-c, a]]) / determinant, (0, 1), (-2, -1))

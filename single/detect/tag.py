@@ -1,0 +1,338 @@
+"""Tags: which squares of a dictionary are in an image, and their corners to sub-pixel accuracy."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from functools import lru_cache
+
+import cv2
+import numpy as np
+
+from quadrig.single.detect.dictionaries import canonical_dictionary, check_tag_id, tag_dictionary
+from quadrig.single.detect.edge_fit import EdgeFit, fit_outline
+from quadrig.single.marking import Marking, TagMarking
+from quadrig.single.rectangle import Rectangle
+from quadrig.single.rotation import Array
+from quadrig.single.view import View
+
+# OpenCV's order is top left, top right, bottom right, bottom left; Eq. 4's begins at the bottom right.
+_EQ4_FROM_OPENCV = [2, 3, 0, 1]
+# Longer side (px) of an image above which half of it is searched first: tags are large in large images.
+_LARGE = 2000
+# px that the fit may move a corner from where the outline's polygon put it, beside a tenth of the side: contours
+# run through pixel centres and are up to a pixel off, more where blur is strong.
+_FARTHEST = 2.5
+# Share of the tag's contrast that each white cell around it must have over the black one beside it.
+_LEAST_STEP = 0.25
+# Cells within and beyond the edge where black and white are looked at: a third, for paper is often cut close.
+_IN, _OUT = 0.5, -0.35
+# Share of the border's cells that may look wrong before a tag is taken to be partly hidden.
+_WRONG_CELLS = 0.08
+# Grey levels between ink and paper below which nothing sure can be said.
+_LEAST_CONTRAST = 12.0
+# A side whose pixels leave more than this share of its contrast unexplained, and more than its fellows, is covered;
+# where cells are few blurs wide their neighbours' light counts too: the share is then _LEAKING over cells in blurs.
+_UNEXPLAINED, _LEAKING, _MOST_UNEXPLAINED = 0.05, 0.45, 0.12
+# sigma (px) above which a fit has found no edge to hold on to.
+_WORST_SIGMA = 0.4
+# Side (px) of a tag at which the first fit is made: a bow of a fiftieth of it is within reach.
+_FIT_SIDE = 80.0
+# px to either side of an edge that the first and the last fit look at, where cells are wide enough.
+_WIDE, _CLOSE = 8.0, 4.0
+# px: a tag that moved less since the picture before, and blurs less, is where one close fit says.
+_STILL, _SHARP = 1.0, 0.8
+# Blur (px) beyond which an image of twice the size tells no more of an edge.
+_SOFT = 1.5
+# px that the model of a straight blurred edge is wrong by on real lenses, added to what noise explains.
+_MODEL_SIGMA = 0.02
+
+
+# Perimeter (px) of the smallest tag looked for: smaller ones cannot be told from texture. In pictures wider than
+# 1280 it grows with them, for the number of outlines to be looked at does.
+_LEAST_PERIMETER, _LEAST_PERIMETER_RATE = 38.4, 0.03
+
+
+@lru_cache(maxsize=256)
+def _detector(
+    dictionary: str, wanted: tuple[int, ...] | None, windows: tuple[int, int], perimeter_rate: float
+) -> cv2.aruco.ArucoDetector:
+    parameters = cv2.aruco.DetectorParameters()
+    parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_NONE
+    parameters.minMarkerPerimeterRate = perimeter_rate
+    parameters.adaptiveThreshWinSizeMin, parameters.adaptiveThreshWinSizeMax = windows
+    whole = tag_dictionary(dictionary)
+    if wanted is None:
+        return cv2.aruco.ArucoDetector(whole, parameters)
+    # Comparing a candidate with all tags of a large dictionary takes ten times as long as finding it.
+    few = cv2.aruco.Dictionary(whole.bytesList[list(wanted)].copy(), whole.markerSize, whole.maxCorrectionBits)
+    return cv2.aruco.ArucoDetector(few, parameters)
+
+
+def find_tags(
+    grey: Array,
+    dictionary: str,
+    wanted: Iterable[int] | None = None,
+    boards: Iterable[frozenset[int]] = (),
+    quick: bool = False,
+) -> dict[int, list[Array]]:
+    """Rough corners (4, 2) px, top left first and clockwise on the printed tag, of every tag seen, by id.
+
+    wanted: the ids that matter; all of the dictionary where None. Passes over the image go from quick to slow, and
+    to smaller images, where blur counts less, until all wanted tags are found; of the tags of a board (one set of
+    ids each), until half of them are. quick: the first pass only, which finds nearly all that the others find.
+    """
+    boards = tuple(boards)
+    missing = None if wanted is None else tuple(sorted(set(wanted)))
+    found: dict[int, list[Array]] = {}
+    for scale, windows in _passes(max(grey.shape))[: 1 if quick else None]:
+        image = cv2.resize(grey, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA) if scale < 1 else grey
+        for tag_id, quads in _find_once(image, dictionary, missing, windows).items():
+            if tag_id not in found:
+                found[tag_id] = [(quad + 0.5) / scale - 0.5 for quad in quads]
+        if missing is not None:
+            plenty = frozenset().union(*(ids for ids in boards if 2 * len(ids & found.keys()) >= len(ids)))
+            missing = tuple(tag_id for tag_id in missing if tag_id not in found and tag_id not in plenty)
+            if not missing:
+                break
+    return found
+
+
+def _passes(longer_side: int) -> list[tuple[float, tuple[int, int]]]:
+    """Scale of the image and windows (px) of the threshold, for each pass."""
+    finer, scale = [], 1.0
+    while longer_side * scale > _LARGE:
+        finer.insert(0, (scale, (5, 25)))
+        scale /= 2
+    return [(scale, (5, 5)), (scale / 2, (5, 15)), (scale, (15, 25)), *finer]
+
+
+def _find_once(
+    image: Array, dictionary: str, wanted: tuple[int, ...] | None, windows: tuple[int, int]
+) -> dict[int, list[Array]]:
+    # Rounded, so that windows of all sizes share few detectors.
+    rate = max(_LEAST_PERIMETER_RATE, round(_LEAST_PERIMETER / max(image.shape), 2))
+    corners, ids, _ = _detector(dictionary, wanted, windows, rate).detectMarkers(image)
+    found: dict[int, list[Array]] = {}
+    if ids is not None:
+        for tag_id, quad in zip(np.ravel(ids), corners, strict=True):
+            own = int(tag_id) if wanted is None else wanted[int(tag_id)]
+            found.setdefault(own, []).append(np.asarray(quad, float).reshape(4, 2))
+    return found
+
+
+def detect_tags(
+    grey: Array, rectangles: Sequence[Rectangle], found: dict[int, list[Array]], followed: bool = False
+) -> list[View]:
+    """Views of the tag rectangles, all of one dictionary, whose rough corners are among those found.
+
+    A tag that is seen twice in one image is not used: nobody can tell which of the two is meant. followed: the
+    corners are those of the picture before.
+    """
+    seen: list[tuple[Rectangle, Array]] = []
+    for rectangle in rectangles:
+        assert isinstance(rectangle.marking, TagMarking)
+        quads = found.get(rectangle.marking.id, [])
+        if len(quads) == 1:
+            seen.append((rectangle, quads[0]))
+    if not seen:
+        return []
+    marking = seen[0][0].marking
+    assert isinstance(marking, TagMarking)
+    cells = tag_dictionary(marking.dictionary).markerSize + 2
+    rough = np.stack([quad for _, quad in seen])
+    corners, sigma, sure = refine_tags(grey, rough, cells, followed)
+    if followed:
+        # What moved farther than one close fit reaches gets both fits.
+        again = np.flatnonzero(~sure)
+        corners[again], sigma[again], sure[again] = refine_tags(grey, rough[again], cells)
+    return [
+        View(rectangle.name, rectangle.corners, quad[_EQ4_FROM_OPENCV], sigma=float(s))
+        for (rectangle, _), quad, s, good in zip(seen, corners, sigma, sure, strict=True)
+        if good
+    ]
+
+
+def track_tags(grey: Array, rectangles: Sequence[Rectangle], near: Mapping[str, View]) -> list[View]:
+    """Views of the tags, all of one dictionary, that are within a few pixels of where they were seen before.
+
+    near: earlier Views by rectangle. A tag must read as itself where it is found.
+    """
+    known = [r for r in rectangles if r.name in near and len(near[r.name].pixels) == 4]
+    if not known:
+        return []
+    found: dict[int, list[Array]] = {}
+    for rectangle in known:
+        assert isinstance(rectangle.marking, TagMarking)
+        found[rectangle.marking.id] = [near[rectangle.name].pixels[_EQ4_FROM_OPENCV]]
+    views = detect_tags(grey, known, found, followed=True)
+    markings = {r.name: r.marking for r in known}
+    return [view for view in views if _reads_as(grey, view.pixels[_EQ4_FROM_OPENCV], markings[view.rectangle])]
+
+
+def _reads_as(grey: Array, corners: Array, marking: Marking) -> bool:
+    """Whether the cells within the corners (4, 2), top left first, show this tag's own bits."""
+    assert isinstance(marking, TagMarking)
+    dictionary = tag_dictionary(marking.dictionary)
+    cells = dictionary.markerSize + 2
+    bits = cv2.aruco.generateImageMarker(dictionary, marking.id, cells)[1:-1, 1:-1] > 127
+    unit = np.array([[0, 0], [cells, 0], [cells, cells], [0, cells]], np.float32)
+    image_from_cell = cv2.getPerspectiveTransform(unit, corners.astype(np.float32))
+    inner = np.arange(1, cells - 1) + 0.5
+    grid = np.stack(np.meshgrid(inner, inner), axis=-1).reshape(-1, 2)
+    values = _sampled(grey, image_from_cell, grid)
+    black, white = (np.nanmedian(_sampled(grey, image_from_cell, _ring(cells, depth))) for depth in (_IN, _OUT))
+    wrong = np.count_nonzero((values > (black + white) / 2) != bits.ravel())
+    return wrong <= dictionary.maxCorrectionBits
+
+
+def refine_tags(grey: Array, rough: Array, cells: int, still: bool = False) -> tuple[Array, Array, Array]:
+    """Corners (N, 4, 2) from rough ones, sigma (N,) px, and which (N,) are to be trusted.
+
+    cells: along a side of the tag, its black border included. still: only those are to be trusted that stand
+    where the rough corners are, which takes half the time.
+    """
+    corners, sigma = np.empty_like(rough), np.empty(rough.shape[:2])
+    sure, leak = np.zeros(len(rough), bool), np.zeros(len(rough))
+    levels = _levels(rough)
+    groups = [np.flatnonzero(levels == 0), *np.flatnonzero(levels > 0)[:, None]]
+    for group in (g for g in groups if len(g)):
+        corners[group], sigma[group], fit = _fit_from_level(grey, rough[group], cells, levels[group[0]], still)
+        sure[group] = _even_sides(fit, _cell(corners[group], cells))
+        if still:
+            sure[group] &= (fit.blur.reshape(-1, 4) < _SHARP).all(axis=1)
+        leak[group] = _leak(fit, corners[group], cells)
+    side = np.linalg.norm(np.roll(rough, -1, axis=1) - rough, axis=2).min(axis=1)
+    moved = np.linalg.norm(corners - rough, axis=2).max(axis=1)
+    sure &= np.isfinite(corners).all(axis=(1, 2)) & (moved < (_STILL if still else _FARTHEST + 0.1 * side))
+    total = np.sqrt(np.mean(sigma**2, axis=1) + leak**2 + _MODEL_SIGMA**2)
+    sure &= total < _WORST_SIGMA
+    for index in np.flatnonzero(sure):
+        sure[index] = _looks_whole(grey, corners[index], cells)
+    return corners, total, sure
+
+
+def _leak(fit: EdgeFit, corners: Array, cells: int) -> Array:
+    """px (N,) by which light of the neighbouring cells moves corners, where blur is wide against a cell.
+
+    Measured on rendered tags of 4 and 6 bits: rms error over blur is 0.16 at cells of 2 blurs, 0.06 at 3.75,
+    0.03 at 4.5, 0.01 at 5.5; the formula runs through these.
+    """
+    blur = fit.blur.reshape(-1, 4).max(axis=1)
+    ratio = _cell(corners, cells).min(axis=1) / blur
+    return 0.18 * blur * np.exp(-((ratio / 3.6) ** 3))
+
+
+def _even_sides(fit: EdgeFit, cell: Array) -> Array:
+    """Which tags (N,) have four sides that are alike: dark within, of like contrast, and none of them half hidden."""
+    contrast, noise = fit.contrast.reshape(-1, 4), fit.noise.reshape(-1, 4)
+    least = contrast.min(axis=1)
+    even = (least > _LEAST_CONTRAST) & (contrast.max(axis=1) < 4 * np.maximum(least, 1))
+    leaking = _LEAKING * fit.blur.reshape(-1, 4) / np.maximum(cell, 1e-3)
+    hidden = (noise > np.clip(leaking, _UNEXPLAINED, _MOST_UNEXPLAINED) * contrast) & (
+        noise > 2.5 * noise.min(axis=1, keepdims=True)
+    )
+    return even & ~hidden.any(axis=1) & ~fit.washed_out.reshape(-1, 4).any(axis=1)
+
+
+def _levels(corners: Array) -> Array:
+    """How often the image is halved (N,) until the tag's mean side is near _FIT_SIDE px."""
+    side = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2).mean(axis=1)
+    return np.maximum(0, np.rint(np.log2(side / _FIT_SIDE))).astype(int)
+
+
+def _fit_from_level(grey: Array, rough: Array, cells: int, top: int, still: bool) -> tuple[Array, Array, EdgeFit]:
+    """Corners (N, 4, 2), sigma (N, 4) and the last fit, from the coarse image of level `top` down to 0.
+
+    still: the rough corners are good to a pixel.
+
+    A wide-angle lens bows the side of a large tag by more than the close search spans; in a coarse image it does not.
+    """
+    origin, crop = _crop(grey, rough, 2**top)
+    corners, blur = rough - origin, np.zeros(rough.shape[:2])
+    bow = np.zeros_like(blur) if still else None
+    for level in range(top, -1, -1):
+        scale = 2**level
+        image = cv2.resize(crop, None, fx=1 / scale, fy=1 / scale, interpolation=cv2.INTER_AREA) if level else crop
+        small = (corners + 0.5) / scale - 0.5
+        cell = _cell(small, cells)
+        if bow is None:
+            # First wide enough for the rough corners' error, then close to the edge found.
+            first, _, fit = fit_outline(image, small, np.clip(0.6 * cell, 1.0, _WIDE), most=32)
+            small = np.where(np.isfinite(first), first, small)
+            bow, blur = (part.reshape(-1, 4) * scale for part in (fit.coefficients[:, 2], fit.blur))
+        close = np.clip(0.8 * cell, 1.0, np.maximum(_CLOSE, 3 * blur / scale))
+        fitted, sigma, fit = fit_outline(image, small, close, bow / scale, blur / scale)
+        bow, blur = (part.reshape(-1, 4) * scale for part in (fit.coefficients[:, 2], fit.blur))
+        corners = (np.where(np.isfinite(fitted), fitted, small) + 0.5) * scale - 0.5
+        if np.median(blur) > _SOFT * scale:
+            break
+    return corners + origin, sigma * scale, fit
+
+
+def _crop(grey: Array, corners: Array, scale: int) -> tuple[Array, Array]:
+    """The part of the image around the corners, and the pixel (2,) where it begins; whole steps of the scale."""
+    if scale == 1:
+        return np.zeros(2), grey
+    low = np.floor(corners.min(axis=(0, 1)) / scale - 8).clip(0).astype(int) * scale
+    high = np.ceil(corners.max(axis=(0, 1)) / scale + 8).astype(int) * scale
+    # A last row or column that is cut short would shift the whole of the halved image.
+    high = np.minimum(high, np.array(grey.shape[::-1]) // scale * scale)
+    return low.astype(float), grey[low[1] : high[1], low[0] : high[0]]
+
+
+def _cell(corners: Array, cells: int) -> Array:
+    """px across the outermost cells along each side (N, 4), where the tag is narrowest."""
+    end = np.roll(corners, -1, axis=1)
+    along = end - corners
+    length = np.linalg.norm(along, axis=2)
+    depth = []
+    for k in (2, 3):
+        other = np.roll(corners, -k, axis=1) - corners
+        depth.append(np.abs(along[..., 0] * other[..., 1] - along[..., 1] * other[..., 0]) / length)
+    return np.minimum(*depth) / cells
+
+
+def _looks_whole(grey: Array, corners: Array, cells: int) -> bool:
+    """Whether the black border with the white ring around it is there, all the way, and at all four corners.
+
+    Each black cell is held against the white beside it, so that glare over a part of the tag does not count.
+    """
+    unit = np.array([[0, 0], [cells, 0], [cells, cells], [0, cells]], np.float32)
+    image_from_cell = cv2.getPerspectiveTransform(unit, corners.astype(np.float32))
+    black, white = (_sampled(grey, image_from_cell, _ring(cells, depth)) for depth in (_IN, _OUT))
+    contrast = np.nanmedian(white) - np.nanmedian(black)
+    # What is outside the image (nan) is neither right nor wrong.
+    wrong = np.count_nonzero(white - black < _LEAST_STEP * contrast)
+    if not contrast > _LEAST_CONTRAST or wrong > _WRONG_CELLS * len(black):
+        return False
+    black, white = (_sampled(grey, image_from_cell, _corners(cells, depth)) for depth in (_IN, _OUT))
+    # Edges that end under a thumb do not meet where the corner is.
+    return not np.any(white - black < _LEAST_STEP * contrast)
+
+
+def _corners(cells: int, depth: float) -> Array:
+    low, high = depth, cells - depth
+    return np.array([[low, low], [high, low], [high, high], [low, high]])
+
+
+def _sampled(grey: Array, image_from_cell: Array, cells: Array) -> Array:
+    """Grey levels (P,) at places (P, 2) in cells; nan outside the image."""
+    places = np.rint(cv2.perspectiveTransform(cells[None].astype(np.float32), image_from_cell)[0]).astype(int)
+    inside = ((places >= 0) & (places < np.array(grey.shape[::-1]))).all(axis=1)
+    places = np.where(inside[:, None], places, 0)
+    return np.where(inside, grey[places[:, 1], places[:, 0]].astype(float), np.nan)
+
+
+@lru_cache(maxsize=64)
+def _ring(cells: int, depth: float) -> Array:
+    """Places (P, 2) so many cells within the edge of a tag, one beside each cell of its border."""
+    along = np.arange(cells) + 0.5
+    low, high, same = depth, cells - depth, np.ones_like(along)
+    sides = [(along, low * same), (high * same, along), (along, high * same), (low * same, along)]
+    return np.concatenate([np.stack(side, axis=1) for side in sides])
+
+
+def check_tag_rectangle(rectangle: Rectangle) -> str:
+    """The canonical name of the rectangle's dictionary. Raises QuadrigError where it or the tag does not exist."""
+    assert isinstance(rectangle.marking, TagMarking)
+    name = canonical_dictionary(rectangle.marking.dictionary)
+    check_tag_id(name, rectangle.marking.id, f"rectangle {rectangle.name!r}")
+    return name

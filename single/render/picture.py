@@ -1,0 +1,317 @@
+"""Pictures of marked sheets as a distorted camera would take them, with a known truth.
+
+Each pixel is the mean over its area of what its rays meet. Light is linear: a value of 1 is 255 at exposure 1.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import cv2
+import numpy as np
+
+from quadrig.single.lens import Intrinsics
+from quadrig.single.pose import Pose
+from quadrig.single.rectangle import Rectangle
+from quadrig.single.render.marking_image import marking_image, quiet_zone
+from quadrig.single.render.room import Room, room_light
+from quadrig.single.rotation import Array
+
+# Reflectance of printer's ink and of office paper.
+_INK, _WHITE = 0.05, 0.82
+# Two sheets nearer to each other than this (m) are taken to lie on each other: the later of the list is on top.
+_THICKNESS = 2e-3
+# Step (px) of the coarse search for the part of the image that a sheet covers.
+_STRIDE = 4
+# Places at which the noise of a picture may begin: two pictures of a recording hardly ever share one.
+_STRIP = 1 << 20
+# Sharpest texture kept (texels per metre) and largest (texels a side), which bound memory, not accuracy: a sheet
+# that needs more fills the picture with one cell.
+_DENSEST, _LARGEST = 40_000.0, 6_000
+
+
+@dataclass(frozen=True, eq=False)
+class Sheet:
+    """A marked rectangle somewhere in the world, on an opaque sheet that reaches `margin` metres beyond it.
+
+    margin: the marking's quiet zone where None. texture (h, w) in [0, 1], 0 ink and 1 paper, stretched over the
+    whole sheet, takes the place of the marking's picture. tone: reflectance of the paper.
+    motion (6,): step of world_from_rect (Pose.retract) during the exposure, from half of it before to half after.
+    The back of a sheet is blank.
+    """
+
+    rectangle: Rectangle
+    world_from_rect: Pose
+    texture: Array | None = None
+    margin: float | None = None
+    tone: float = _WHITE
+    motion: Array | None = None
+
+    @property
+    def border(self) -> float:
+        """Metres of sheet beyond the rectangle."""
+        return quiet_zone(self.rectangle) if self.margin is None else self.margin
+
+    @property
+    def size(self) -> tuple[float, float]:
+        """Width and height of the whole sheet, metres."""
+        return self.rectangle.width + 2 * self.border, self.rectangle.height + 2 * self.border
+
+
+@dataclass(frozen=True, eq=False)
+class RayGrid:
+    """The rays of every pixel of a camera: rays (h, w, 3) float32, unit length, nan where the lens has none."""
+
+    intrinsics: Intrinsics
+    rays: Array
+
+
+def ray_grid(intrinsics: Intrinsics) -> RayGrid:
+    """The rays of all pixels; costs about a second for a distorted lens, so keep it for all pictures of a camera."""
+    x, y = np.meshgrid(np.arange(intrinsics.width), np.arange(intrinsics.height))
+    rays = intrinsics.unproject(np.stack([x, y], axis=-1).astype(float))
+    return RayGrid(intrinsics, rays.astype(np.float32))
+
+
+def backdrop(grid: RayGrid, camera_from_world: Pose, room: Room) -> Array:
+    """The empty room (h, w, 3) float32, linear light, for render's `background`: keep it while the camera stands."""
+    return cv2.GaussianBlur(room_light(grid.rays, camera_from_world, room), (0, 0), 0.7)
+
+
+def render(
+    camera: Intrinsics | RayGrid,
+    camera_from_world: Pose,
+    sheets: Sequence[Sheet],
+    *,
+    background: Room | Array | float = 0.4,
+    samples: int = 3,
+    blur: float = 0.0,
+    noise: float = 0.0,
+    exposure: float = 1.0,
+    vignetting: float = 0.0,
+    colour: bool = True,
+    rng: np.random.Generator | None = None,
+) -> Array:
+    """The picture, uint8 (h, w, 3) blue green red, or (h, w) where colour is False.
+
+    background: a Room, what `backdrop` made of it (h, w, 3) or (h, w), or one tone. samples: rays a pixel along
+    each axis. blur: sigma of the lens's Gaussian, px (the sheets'; a room is soft already). noise: sigma of the
+    sensor's, grey levels (drawn from rng; from seed 0 where None). vignetting: share of light lost in the corners.
+    """
+    grid = camera if isinstance(camera, RayGrid) else ray_grid(camera)
+    image = _background(grid, camera_from_world, background, colour)
+    shape = image.shape[:2]
+    depth, owner = np.full(shape, np.inf, np.float32), np.full(shape, -1, np.int16)
+    distances = [np.linalg.norm(camera_from_world.transform(s.world_from_rect.translation)) for s in sheets]
+    for index in np.argsort(distances)[::-1]:
+        _paint(image, depth, owner, int(index), sheets[index], grid, camera_from_world, samples, blur)
+    return _expose(image, noise, exposure, vignetting, rng)
+
+
+def _background(grid: RayGrid, camera_from_world: Pose, background: Room | Array | float, colour: bool) -> Array:
+    height, width = grid.rays.shape[:2]
+    if isinstance(background, Room):
+        background = backdrop(grid, camera_from_world, background)
+    if isinstance(background, int | float):
+        return np.full((height, width, 3) if colour else (height, width), background, np.float32)
+    if colour and background.ndim == 2:
+        return cv2.cvtColor(background.astype(np.float32), cv2.COLOR_GRAY2BGR)
+    if not colour and background.ndim == 3:
+        return cv2.cvtColor(background.astype(np.float32), cv2.COLOR_BGR2GRAY)
+    return background.astype(np.float32, copy=True)
+
+
+def _paint(
+    image: Array,
+    depth: Array,
+    owner: Array,
+    index: int,
+    sheet: Sheet,
+    grid: RayGrid,
+    camera_from_world: Pose,
+    samples: int,
+    blur: float,
+) -> None:
+    cam_from_rects = [camera_from_world @ pose for pose in _instants(sheet, camera_from_world, grid.intrinsics.focal)]
+    box = _box_of_all(cam_from_rects, sheet, grid, int(np.ceil(3 * blur)))
+    if box is None:
+        return
+    tone = alpha = nearest = None
+    # Instants of a motion lie apart like samples do: together they are as many as asked for.
+    samples = max(1, -(-samples // len(cam_from_rects)))
+    for cam_from_rect in cam_from_rects:
+        step_tone, step_alpha, step_depth = _cast(cam_from_rect, sheet, grid.rays[box], samples, blur)
+        tone = step_tone if tone is None else tone + step_tone
+        alpha = step_alpha if alpha is None else alpha + step_alpha
+        nearest = step_depth if nearest is None else np.minimum(nearest, step_depth)
+    assert tone is not None
+    assert alpha is not None
+    assert nearest is not None
+    tone, alpha = tone / len(cam_from_rects), alpha / len(cam_from_rects)
+    gap = nearest - depth[box]
+    on_top = (gap < -_THICKNESS) | ((gap < _THICKNESS) & (index > owner[box]))
+    alpha = np.where(on_top, alpha, 0)
+    tone = np.where(on_top, tone, 0)
+    mine = alpha > 0.5
+    depth[box][mine] = nearest[mine]
+    owner[box][mine] = index
+    if image.ndim == 3:
+        image[box] = image[box] * (1 - alpha)[..., None] + tone[..., None]
+    else:
+        image[box] = image[box] * (1 - alpha) + tone
+
+
+def _instants(sheet: Sheet, camera_from_world: Pose, focal: float) -> list[Pose]:
+    """Where the sheet is during the exposure: about one instant for each pixel that it moves."""
+    if sheet.motion is None or not np.any(sheet.motion):
+        return [sheet.world_from_rect]
+    motion = np.asarray(sheet.motion, float)
+    distance = np.linalg.norm(camera_from_world.transform(sheet.world_from_rect.translation))
+    reach = np.linalg.norm(motion[3:]) + np.linalg.norm(motion[:3]) * max(sheet.size) / 2
+    count = int(np.clip(2 * reach * focal / max(distance, 1e-3), 3, 32))
+    return [sheet.world_from_rect.retract(motion * ((k + 0.5) / count - 0.5)) for k in range(count)]
+
+
+def _plane_hits(cam_from_rect: Pose, rays: Array) -> tuple[Array, Array, Array, Array]:
+    """Where rays (..., 3) meet the plane: x, y (m, in the rectangle's frame), distance (m), and whether from the
+    front. x and y are far away where they do not."""
+    rect_from_cam = cam_from_rect.inverse()
+    origin = rect_from_cam.translation.astype(np.float32)
+    direction = rays @ rect_from_cam.rotation.T.astype(np.float32)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        distance = -origin[2] / direction[..., 2]
+    hit = distance > 0
+    distance = np.where(hit, distance, np.float32(1e6))
+    x = np.where(hit, origin[0] + distance * direction[..., 0], np.float32(1e6))
+    y = np.where(hit, origin[1] + distance * direction[..., 1], np.float32(1e6))
+    return x, y, distance, direction[..., 2] > 0
+
+
+def _box_of_all(cam_from_rects: list[Pose], sheet: Sheet, grid: RayGrid, border: int) -> tuple[slice, slice] | None:
+    """Rows and columns of the image that hold the sheet at any instant, with a border of px, or None."""
+    coarse = grid.rays[::_STRIDE, ::_STRIDE]
+    half_width, half_height = sheet.size[0] / 2, sheet.size[1] / 2
+    covered = np.zeros(coarse.shape[:2], bool)
+    for cam_from_rect in cam_from_rects:
+        x, y, distance, _ = _plane_hits(cam_from_rect, coarse)
+        # A sheet smaller than the stride could fall between two rays: what a stride covers is added.
+        slack = 2 * _STRIDE * distance / grid.intrinsics.focal
+        covered |= (np.abs(x) < half_width + slack) & (np.abs(y) < half_height + slack) & (distance < 1e5)
+    if not covered.any():
+        return None
+    rows, columns = np.flatnonzero(covered.any(axis=1)), np.flatnonzero(covered.any(axis=0))
+    grow = _STRIDE + 2 + border
+    return (
+        slice(max(0, rows[0] * _STRIDE - grow), rows[-1] * _STRIDE + grow + 1),
+        slice(max(0, columns[0] * _STRIDE - grow), columns[-1] * _STRIDE + grow + 1),
+    )
+
+
+def _cast(cam_from_rect: Pose, sheet: Sheet, rays: Array, samples: int, blur: float) -> tuple[Array, Array, Array]:
+    """Light of the sheet times its cover, its cover, and its distance, for rays (h, w, 3)."""
+    x, y, distance, front = _plane_hits(cam_from_rect, rays)
+    height, width = x.shape
+    texture, density = _texture(sheet, _wanted_density(x, y, sheet, samples))
+    map_x = (x + np.float32(sheet.size[0] / 2)) * np.float32(density[0]) + np.float32(0.5)
+    map_y = (y + np.float32(sheet.size[1] / 2)) * np.float32(density[1]) + np.float32(0.5)
+    if samples > 1:
+        # Within a pixel the map is straight to 1e-4 px, so the finer map is the coarse one between its points.
+        size = (width * samples, height * samples)
+        map_x, map_y = cv2.resize(map_x, size), cv2.resize(map_y, size)
+    alpha = _mean_light(texture[1], map_x, map_y, samples, blur)
+    if texture[0] is texture[1]:
+        return sheet.tone * alpha * np.float32(_shade(cam_from_rect)), alpha, distance
+    printed = _mean_light(texture[0], map_x, map_y, samples, blur)
+    tone = np.where(front, _INK * alpha + (sheet.tone - _INK) * printed, sheet.tone * alpha)
+    return tone * np.float32(_shade(cam_from_rect)), alpha, distance
+
+
+def _mean_light(texture: Array, map_x: Array, map_y: Array, samples: int, blur: float) -> Array:
+    """Mean over each pixel's samples of a texture (uint8) in [0, 1]; nothing lies beyond the texture."""
+    fine = cv2.remap(texture, map_x, map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=0)
+    if blur > 0:
+        # Before the pixels gather it, as in a lens: on whole pixels a small blur would not be a Gaussian.
+        fine = cv2.GaussianBlur(fine, (0, 0), blur * samples, borderType=cv2.BORDER_REPLICATE)
+    fine = fine.astype(np.float32)
+    if samples > 1:
+        size = (fine.shape[1] // samples, fine.shape[0] // samples)
+        fine = cv2.resize(fine, size, interpolation=cv2.INTER_AREA)
+    return fine * np.float32(1 / 255)
+
+
+def _shade(cam_from_rect: Pose) -> float:
+    """A sheet that turns from the camera is a little darker: a lamp stands beside every camera."""
+    return 0.72 + 0.28 * abs(float(cam_from_rect.rotation[2, 2]))
+
+
+def _wanted_density(x: Array, y: Array, sheet: Sheet, samples: int) -> float:
+    """Texels per metre that give about one texel a ray where the sheet is nearest to the camera."""
+    inside = (np.abs(x) < sheet.size[0] / 2) & (np.abs(y) < sheet.size[1] / 2)
+    step = np.hypot(np.diff(x, axis=1)[:-1], np.diff(y, axis=1)[:-1])[inside[:-1, :-1]]
+    finest = float(np.percentile(step, 2)) if step.size else 1e-2
+    wanted = min(samples / max(finest, 1e-9), _DENSEST, _LARGEST / max(sheet.size))
+    # Steps of a quarter octave, so that a sheet that comes nearer is not drawn anew for every picture.
+    return float(2 ** (np.ceil(4 * np.log2(wanted)) / 4))
+
+
+def _texture(sheet: Sheet, density: float) -> tuple[tuple[Array, Array], tuple[float, float]]:
+    """Two (h, w) uint8 in a border of one empty texel: share of paper, and cover; and texels per metre.
+
+    The two are one and the same array where nothing is printed.
+    """
+    drawn = sheet.texture is None
+    both = _drawn_texture(sheet.rectangle, density, sheet.border) if drawn else _bordered(sheet.texture)
+    height, width = both[0].shape
+    return both, ((width - 2) / sheet.size[0], (height - 2) / sheet.size[1])
+
+
+@lru_cache(maxsize=64)
+def _drawn_texture(rectangle: Rectangle, density: float, margin: float) -> tuple[Array, Array]:
+    return _bordered(marking_image(rectangle, density, margin))
+
+
+def _bordered(picture: Array) -> tuple[Array, Array]:
+    levels = np.rint(255 * np.asarray(picture, np.float32)).astype(np.uint8)
+    cover = cv2.copyMakeBorder(np.full_like(levels, 255), 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=0)
+    if np.all(levels == 255):
+        return cover, cover
+    return cv2.copyMakeBorder(levels, 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=0), cover
+
+
+def _expose(
+    image: Array,
+    noise: float,
+    exposure: float,
+    vignetting: float,
+    rng: np.random.Generator | None,
+) -> Array:
+    gain = np.float32(255 * exposure)
+    height, width = image.shape[:2]
+    if vignetting > 0:
+        shape = (height, width, 1)[: image.ndim]
+        image *= gain * _vignette(width, height, vignetting).reshape(shape)
+    else:
+        image *= gain
+    if noise > 0:
+        rng = rng if rng is not None else np.random.default_rng(0)
+        grain = _grain(height, width, rng) * np.float32(noise)
+        image += grain if image.ndim == 2 else grain[..., None]
+    return cv2.convertScaleAbs(np.maximum(image, 0, out=image))
+
+
+def _grain(height: int, width: int, rng: np.random.Generator) -> Array:
+    """Normal noise (h, w): a random part of one long strip, since drawing it anew would take a third of the time."""
+    start = int(rng.integers(0, _STRIP))
+    return _strip(height * width + _STRIP)[start : start + height * width].reshape(height, width)
+
+
+@lru_cache(maxsize=4)
+def _strip(length: int) -> Array:
+    return np.random.default_rng(length).standard_normal(length, np.float32)
+
+
+@lru_cache(maxsize=8)
+def _vignette(width: int, height: int, strength: float) -> Array:
+    x = (np.arange(width, dtype=np.float32) - (width - 1) / 2) / (width / 2)
+    y = (np.arange(height, dtype=np.float32) - (height - 1) / 2) / (height / 2)
+    return (1 - strength * (x[None, :] ** 2 + y[:, None] ** 2) / 2).astype(np.float32)

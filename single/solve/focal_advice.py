@@ -1,0 +1,102 @@
+"""What limits a calibration from one View, in words, with figures: what a better View would give."""
+
+import numpy as np
+
+from quadrig.single.pose import Pose
+from quadrig.single.rotation import Array, rotation_from_vector
+from quadrig.single.solve.cramer_rao import cramer_rao
+
+# A focal known better than this needs no advice: other errors (the lens, the flatness of the sheet) are larger.
+_GOOD_FOCAL = 0.005
+# The tilt at which a sheet is advised to be held: beyond it little is gained and corners blur.
+_ADVISED_TILT = np.radians(40.0)
+# Below this share of it a tilt is small; what room there must be to say "nearer", and how much nearer is sensible.
+_TILTED_ENOUGH, _LEAST_NEARER, _MOST_NEARER = 0.75, 1.5, 4.0
+# An improvement is worth saying where it takes a third off the sigma.
+_WORTH_SAYING = 2 / 3
+
+
+def view_tilt(cam_from_rect: Pose) -> Array:
+    """Angle (...) in radians between the sheet's normal and the line of sight to its middle."""
+    translation = cam_from_rect.translation
+    sight = translation / np.linalg.norm(translation, axis=-1, keepdims=True)
+    return np.arccos(np.clip((cam_from_rect.rotation[..., 2] * sight).sum(axis=-1), -1, 1))
+
+
+def focal_advice(
+    points: Array,
+    focal: float,
+    cam_from_rect: Pose,
+    principal_point: Array,
+    sigma: float,
+    principal_point_sigma: float,
+    relative_sigma: float,
+    image_size: tuple[int, int],
+) -> list[str]:
+    """Sentences on what would make the focal better known, the most useful first; none where it is good.
+
+    points (P, 3) metres and the pose and focal px found; relative_sigma: sigma of the focal over the focal;
+    image_size: width and height px, which bound how near the sheet can come.
+    """
+    if not np.isfinite(focal) or relative_sigma < _GOOD_FOCAL:
+        return []
+
+    def expected(pose: Pose, centre_sigma: float = principal_point_sigma) -> float:
+        covariance = cramer_rao(points, focal, pose, principal_point, sigma, centre_sigma)
+        return float(np.sqrt(covariance[0, 0])) / focal
+
+    now, tilt = expected(cam_from_rect), float(view_tilt(cam_from_rect))
+    # What the bound does not know of (a lens that may be distorted) stays, whatever is done about the rest.
+    lens = max(relative_sigma**2 - now**2, 0.0) ** 0.5
+    known = f"the focal is known to {percent(relative_sigma)}"
+    options: list[tuple[float, str, str]] = []
+
+    def promise(better: float, words: str, then: str) -> None:
+        options.append((float(np.hypot(better, lens)), f"{words} {known}", then))
+
+    if tilt < _TILTED_ENOUGH * _ADVISED_TILT:
+        words = f"tilt the sheet more: at {np.degrees(tilt):.0f} degrees"
+        promise(expected(_tilted(cam_from_rect, _ADVISED_TILT)), words, f"at {np.degrees(_ADVISED_TILT):.0f} degrees")
+    scale = min(_room(points, focal, cam_from_rect, image_size), _MOST_NEARER)
+    if scale > _LEAST_NEARER:
+        nearer = Pose(cam_from_rect.rotation, cam_from_rect.translation / scale)
+        words = "bring the sheet nearer, so that it fills the picture:"
+        promise(expected(nearer), words, f"at 1/{scale:.1f} of the distance")
+    if principal_point_sigma > 0:
+        words = f"the principal point is only known to {principal_point_sigma:.0f} px:"
+        promise(expected(cam_from_rect, 0.0), words, "with the principal point given")
+    if lens > 0:
+        words = f"{len(points)} points cannot show all that the lens distorts: {known}"
+        options.append((now, words, "with a lens known to be free of distortion"))
+    worth = sorted(option for option in options if option[0] < _WORTH_SAYING * relative_sigma)
+    if not worth:
+        return [f"{known}: take more points of the sheet, or several Views with one camera"]
+    return [f"{words}, {then} it would be {percent(promised)}" for promised, words, then in worth]
+
+
+def percent(share: float) -> str:
+    """A share in per cent with two figures that matter; beyond all bounds in words."""
+    if not np.isfinite(share) or share > 1:
+        return "no more than its order of magnitude"
+    return f"{100 * share:.2g} %"
+
+
+def _tilted(cam_from_rect: Pose, tilt: float) -> Pose:
+    """The sheet at the same place, tilted further the way it leans."""
+    sight = cam_from_rect.translation / np.linalg.norm(cam_from_rect.translation)
+    normal = cam_from_rect.rotation[:, 2]
+    axis = np.cross(sight, normal)
+    size = np.linalg.norm(axis)
+    # A sheet that faces the camera leans no way: take the picture's vertical.
+    axis = axis / size if size > 1e-6 else np.cross(sight, [0.0, 1.0, 0.0])
+    axis = axis / np.linalg.norm(axis)
+    turn = tilt - float(view_tilt(cam_from_rect))
+    return Pose(rotation_from_vector(axis * turn) @ cam_from_rect.rotation, cam_from_rect.translation)
+
+
+def _room(points: Array, focal: float, cam_from_rect: Pose, image_size: tuple[int, int]) -> float:
+    """How many times larger the sheet could appear before it is larger than the picture."""
+    located = cam_from_rect.transform(points)
+    seen = focal * located[:, :2] / located[:, 2:]
+    extent = np.ptp(seen, axis=0)
+    return float(np.min(0.95 * np.array(image_size) / np.maximum(extent, 1e-9)))

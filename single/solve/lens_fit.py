@@ -1,0 +1,210 @@
+"""Maximum likelihood of one lens and the poses of the Views it took: any lens model, analytic derivatives."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from quadrig.single.errors import QuadrigError
+from quadrig.single.lens import LENS_PARAMETERS, Intrinsics, project_with_derivatives
+from quadrig.single.pose import Pose
+from quadrig.single.rotation import Array, cross_matrix
+
+_MOST_STEPS = 100
+# A step that promises less than this (in units of sigma^2) moves the answer by a ten-thousandth of its own sigma.
+_CONVERGED = 1e-8
+_FIRST_DAMPING, _LEAST_DAMPING, _MOST_DAMPING = 1e-4, 1e-9, 1e12
+# Shares of the promised decrease that a step must keep: see pinhole_fit.py.
+_POOR_GAIN, _GOOD_GAIN = 0.3, 0.7
+
+
+@dataclass(frozen=True, eq=False)
+class LensFit:
+    """One lens and the poses of V Views at their maximum of likelihood.
+
+    lens_covariance (9, 9) in the order of LENS_PARAMETERS, zero for what was not free; cam_from_rects: a batch (V);
+    pose_covariance (V, 6, 6) of their steps and lens_pose_covariance (V, 9, 6), all for noise of the sigma given;
+    residuals: (P, 2) px of each View; chi2 over sigma^2, the priors' included; dof; converged.
+    """
+
+    intrinsics: Intrinsics
+    lens_covariance: Array
+    cam_from_rects: Pose
+    pose_covariance: Array
+    lens_pose_covariance: Array
+    residuals: tuple[Array, ...]
+    chi2: float
+    dof: int
+    converged: bool
+
+
+def fit_lens(
+    points: Sequence[Array],
+    pixels: Sequence[Array],
+    intrinsics: Intrinsics,
+    cam_from_rects: Pose,
+    free: Sequence[str],
+    sigma: Sequence[float] | float = 1.0,
+    prior_sigma: Mapping[str, float] | None = None,
+) -> LensFit:
+    """Least squares over all points of all Views, from a start.
+
+    points: for each of V Views (P, 3) metres in the rectangle's frame; pixels: (P, 2); intrinsics and cam_from_rects
+    (a batch (V)): the start; free: names of LENS_PARAMETERS to estimate, the others stay; sigma: standard deviation
+    of a pixel coordinate, one for all Views or one for each; prior_sigma: standard deviations of priors on free
+    parameters, about the start. Raises QuadrigError where a name is unknown or there are fewer coordinates than
+    unknowns.
+    """
+    prior = dict(prior_sigma or {})
+    for name in (*free, *prior):
+        if name not in LENS_PARAMETERS:
+            raise QuadrigError(f"no lens parameter is called {name!r}; choose among {', '.join(LENS_PARAMETERS)}")
+    problem = _problem(points, pixels, intrinsics, free, sigma, prior)
+    dof = 2 * int(problem.seen.sum()) + len(prior) - len(free) - 6 * len(points)
+    if dof < 0:
+        raise QuadrigError(
+            f"{int(problem.seen.sum())} points cannot determine {len(free)} lens parameters and {len(points)} poses; "
+            "free fewer parameters, or give more points"
+        )
+    with np.errstate(all="ignore"):
+        lens, poses, chi2, converged = _search(problem, intrinsics.parameters, cam_from_rects)
+        lens_covariance, pose_covariance, cross = _covariances(problem, lens, poses)
+        residuals, *_ = _linearised(problem, lens, poses)
+    unscaled = residuals * problem.sigma[:, None, None]
+    return LensFit(
+        intrinsics.with_parameters(lens),
+        lens_covariance,
+        poses,
+        pose_covariance,
+        cross,
+        tuple(unscaled[i, : len(p)] for i, p in enumerate(pixels)),
+        chi2,
+        dof,
+        converged,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Problem:
+    """points (V, P, 3) and pixels (V, P, 2), seen (V, P) where they are no padding, sigma (V), free: indices of the
+    lens parameters; prior_mean and prior_weight (9): one over the variance, zero where there is no prior."""
+
+    points: Array
+    pixels: Array
+    seen: Array
+    sigma: Array
+    free: Array
+    prior_mean: Array
+    prior_weight: Array
+    intrinsics: Intrinsics
+
+
+def _problem(points, pixels, intrinsics: Intrinsics, free, sigma, prior: Mapping[str, float]) -> _Problem:
+    most = max((len(p) for p in pixels), default=0)
+    padded_points, padded_pixels = np.zeros((len(points), most, 3)), np.zeros((len(points), most, 2))
+    seen = np.zeros((len(points), most), bool)
+    for i, (p, x) in enumerate(zip(points, pixels, strict=True)):
+        known = np.isfinite(x).all(axis=-1)
+        padded_points[i, : len(p)], padded_pixels[i, : len(x)] = p, np.where(known[:, None], x, 0.0)
+        seen[i, : len(x)] = known
+    weight = np.zeros(9)
+    for name, value in prior.items():
+        weight[LENS_PARAMETERS.index(name)] = value**-2
+    return _Problem(
+        padded_points,
+        padded_pixels,
+        seen,
+        np.broadcast_to(np.asarray(sigma, float), (len(points),)),
+        np.array([LENS_PARAMETERS.index(name) for name in free], int),
+        intrinsics.parameters,
+        weight,
+        intrinsics,
+    )
+
+
+def _linearised(problem: _Problem, lens: Array, poses: Pose) -> tuple[Array, Array, Array]:
+    """Residuals (V, P, 2), derivatives of the pixels by the free lens parameters (V, P, 2, n) and by the pose steps
+    (V, P, 2, 6), all over sigma; zero where unseen."""
+    turned = problem.points @ np.swapaxes(poses.rotation, -1, -2)
+    seen, by_lens, by_point = project_with_derivatives(
+        lens, turned + poses.translation[:, None], problem.intrinsics.model
+    )
+    by_pose = np.concatenate([-by_point @ cross_matrix(turned), by_point], axis=-1)
+    scale = 1 / problem.sigma[:, None, None]
+    unseen = ~problem.seen
+    residuals = (problem.pixels - seen) * scale
+    lens_rows, pose_rows = by_lens[..., problem.free] * scale[..., None], by_pose * scale[..., None]
+    residuals[unseen], lens_rows[unseen], pose_rows[unseen] = 0, 0, 0
+    return residuals, lens_rows, pose_rows
+
+
+def _chi2(problem: _Problem, lens: Array, residuals: Array) -> float:
+    prior = float((problem.prior_weight * (lens - problem.prior_mean) ** 2).sum())
+    return float((residuals * residuals).sum()) + prior
+
+
+def _blocks(problem: _Problem, lens_rows: Array, pose_rows: Array) -> tuple[Array, Array, Array]:
+    """Blocks of the normal matrix: lens (n, n) with its priors, mixed (V, n, 6), poses (V, 6, 6)."""
+    views = len(lens_rows)
+    A = lens_rows.reshape(views, 2 * lens_rows.shape[1], len(problem.free))
+    B = pose_rows.reshape(views, 2 * pose_rows.shape[1], 6)
+    A_t = np.swapaxes(A, -1, -2)
+    own = (A_t @ A).sum(axis=0) + np.diag(problem.prior_weight[problem.free])
+    return own, A_t @ B, np.swapaxes(B, -1, -2) @ B
+
+
+def _search(problem: _Problem, lens: Array, poses: Pose) -> tuple[Array, Pose, float, bool]:
+    residuals, lens_rows, pose_rows = _linearised(problem, lens, poses)
+    chi2, damping = _chi2(problem, lens, residuals), _FIRST_DAMPING
+    for _ in range(_MOST_STEPS):
+        own, mixed, pose_blocks = _blocks(problem, lens_rows, pose_rows)
+        flat = residuals.reshape(len(residuals), -1, 1)
+        pull = problem.prior_weight * (problem.prior_mean - lens)
+        lens_gradient = np.einsum("vpci,vpc->i", lens_rows, residuals) + pull[problem.free]
+        pose_gradient = (np.swapaxes(pose_rows.reshape(*flat.shape[:2], 6), -1, -2) @ flat)[..., 0]
+        lens_step, pose_step = _step(own, mixed, pose_blocks, lens_gradient, pose_gradient, damping)
+        promised = float(lens_gradient @ lens_step + (pose_gradient * pose_step).sum())
+        new_lens = lens.copy()
+        new_lens[problem.free] += lens_step
+        new_poses = poses.retract(pose_step)
+        candidate = _linearised(problem, new_lens, new_poses)
+        new_chi2 = _chi2(problem, new_lens, candidate[0])
+        gain = (chi2 - new_chi2) / promised if promised > 0 else -1.0
+        if gain > 0 and new_lens[0] > 0:
+            lens, poses, chi2 = new_lens, new_poses, new_chi2
+            residuals, lens_rows, pose_rows = candidate
+        if 0 <= promised < _CONVERGED:
+            return lens, poses, chi2, True
+        if gain > _GOOD_GAIN:
+            damping = max(damping * 0.1, _LEAST_DAMPING)
+        elif not gain > _POOR_GAIN:
+            damping *= 10
+        if damping > _MOST_DAMPING or not np.isfinite(chi2):
+            break
+    return lens, poses, chi2, False
+
+
+def _step(
+    own: Array, mixed: Array, pose_blocks: Array, lens_gradient: Array, pose_gradient: Array, damping: float
+) -> tuple[Array, Array]:
+    """Step of the lens (n) and of the poses (V, 6), the poses eliminated first (Schur complement)."""
+    damped = pose_blocks + damping * pose_blocks * np.eye(6)
+    solved = np.linalg.solve(damped, np.concatenate([np.swapaxes(mixed, -1, -2), pose_gradient[..., None]], axis=-1))
+    reduced = own + damping * np.diag(np.diag(own)) - (mixed @ solved[..., :-1]).sum(axis=0)
+    right = lens_gradient - (mixed @ solved[..., -1:])[..., 0].sum(axis=0)
+    lens_step = np.linalg.solve(reduced, right) if len(own) else right
+    return lens_step, solved[..., -1] - solved[..., :-1] @ lens_step
+
+
+def _covariances(problem: _Problem, lens: Array, poses: Pose) -> tuple[Array, Array, Array]:
+    """Of the lens (9, 9), of each pose (V, 6, 6), and between lens and pose (V, 9, 6)."""
+    _, lens_rows, pose_rows = _linearised(problem, lens, poses)
+    own, mixed, pose_blocks = _blocks(problem, lens_rows, pose_rows)
+    inverse = np.linalg.inv(pose_blocks)
+    gain = inverse @ np.swapaxes(mixed, -1, -2)
+    lens_inner = np.linalg.inv(own - (mixed @ gain).sum(axis=0)) if len(own) else own
+    gain_t = np.swapaxes(gain, -1, -2)
+    lens_covariance, cross = np.zeros((9, 9)), np.zeros((len(mixed), 9, 6))
+    lens_covariance[np.ix_(problem.free, problem.free)] = lens_inner
+    cross[:, problem.free] = -lens_inner @ gain_t
+    return lens_covariance, inverse + gain @ lens_inner @ gain_t, cross

@@ -1,0 +1,171 @@
+"""Maximum likelihood for many Views of one rectangle each, under a pinhole without distortion.
+
+Levenberg and Marquardt's method in the coordinates of pinhole_model.py.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from quadrig.single.pose import Pose
+from quadrig.single.rotation import Array
+from quadrig.single.solve import batched_cholesky as triangular
+from quadrig.single.solve.pinhole_model import (
+    BLOCK,
+    Problem,
+    covariances,
+    derivatives,
+    gradient_of,
+    mirror_to_front,
+    moved,
+    normal_matrix,
+    picture_of,
+    rows,
+    state_of,
+)
+
+# Most members are done within the first number; the few that are not go on together, up to the second, so that a
+# block does not wait for its slowest member.
+_FIRST_STEPS, _MOST_STEPS = 6, 60
+# A step that promises to lower the sum of squares by less than this (in units of sigma^2) moves the answer by less
+# than a thousandth of its own sigma; it is still taken.
+_CONVERGED = 1e-6
+_FIRST_DAMPING, _LEAST_DAMPING, _MOST_DAMPING = 1e-6, 1e-7, 1e12
+# Shares of the promised decrease: below the poor one a weak view's valley bends within the step, and undamped steps
+# would leap to and fro across it for ever.
+_POOR_GAIN, _GOOD_GAIN = 0.3, 0.7
+
+
+@dataclass(frozen=True, eq=False)
+class PinholeFit:
+    """The most likely focal, principal point and pose of each member of a batch (...).
+
+    focal (...) px, principal_point (..., 2) px, cam_from_rect, covariance (..., 9, 9) of (focal, cx, cy, step of
+    cam_from_rect), zero for what was given as known; chi2 (...): sum of squares over sigma^2, the prior's included;
+    steps (...): iterations used; converged (...).
+    """
+
+    focal: Array
+    principal_point: Array
+    cam_from_rect: Pose
+    covariance: Array
+    chi2: Array
+    steps: NDArray[np.int16]
+    converged: NDArray[np.bool_]
+
+
+def fit_pinhole(
+    points: Array,
+    pixels: Array,
+    focal: Array,
+    cam_from_rect: Pose,
+    principal_point: Array,
+    sigma: Array | float = 1.0,
+    principal_point_sigma: float = 0.0,
+    focal_known: bool = False,
+    photographed: bool = True,
+) -> PinholeFit:
+    """Least squares over all points from a start.
+
+    points (..., P, 2 or 3) metres in the rectangle's frame, on its plane; pixels (..., P, 2), nan where unseen;
+    focal (...) px and cam_from_rect (...) where to start; principal_point (..., 2) px with its prior standard
+    deviation (0: known); sigma (...) px of a pixel coordinate; focal_known: keep the focal as it is.
+    photographed: every point must stay in front of the camera.
+    """
+    pixels = np.asarray(pixels, float)
+    batch, count = pixels.shape[:-2], pixels.shape[-2]
+    members = int(np.prod(batch))
+    start_focal = rows(focal, batch, ())
+    problem = Problem(
+        rows(np.asarray(points, float)[..., :2], batch, (count, 2)),
+        rows(pixels, batch, (count, 2)),
+        rows(principal_point, batch, (2,)),
+        rows(sigma, batch, ()),
+        principal_point_sigma,
+        start_focal if focal_known else None,
+        photographed,
+    )
+    state = state_of(start_focal, cam_from_rect, problem.centre, batch)
+    chi2, steps = np.full(members, np.nan), np.zeros(members, np.int16)
+    waiting = np.arange(members)
+    with np.errstate(all="ignore"):
+        for limit in (_FIRST_STEPS, _MOST_STEPS - _FIRST_STEPS):
+            for first in range(0, len(waiting), BLOCK):
+                part = waiting[first : first + BLOCK]
+                state[:, part], chi2[part], used = _search(problem.members(part), state[:, part], limit)
+                steps[part] += used
+                waiting[first : first + BLOCK] = np.where(used == limit, part, -1)
+            waiting = waiting[waiting >= 0]
+        mirror_to_front(state)
+        covariance = covariances(problem, state)
+    converged = np.isfinite(chi2)
+    converged[waiting] = False
+    return _fit_of(problem, state, covariance, chi2, steps, converged, batch)
+
+
+def _fit_of(
+    problem: Problem,
+    state: Array,
+    covariance: Array,
+    chi2: Array,
+    steps: NDArray[np.int16],
+    converged: NDArray[np.bool_],
+    batch: tuple[int, ...],
+) -> PinholeFit:
+    u0, v0, s, kappa, cx, cy = state[:6]
+    x, y = state[6:9].T, state[9:12].T
+    rotation = np.stack([x, y, np.cross(x, y)], axis=-1)
+    translation = np.stack([u0 / s, v0 / s, 1 / kappa], axis=-1)
+    found = s / kappa if problem.focal is None else np.broadcast_to(problem.focal, s.shape).copy()
+    return PinholeFit(
+        found.reshape(batch),
+        np.stack([cx, cy], axis=-1).reshape(*batch, 2),
+        Pose(rotation.reshape(*batch, 3, 3), translation.reshape(*batch, 3)),
+        covariance.reshape(*batch, 9, 9),
+        chi2.reshape(batch),
+        steps.reshape(batch),
+        converged.reshape(batch),
+    )
+
+
+def _search(problem: Problem, state: Array, limit: int) -> tuple[Array, Array, NDArray[np.int16]]:
+    """Levenberg and Marquardt's method, each member with its own damping; members leave as they converge.
+
+    Returns states, chi2 and steps used: `limit` for those that have not converged (chi2 nan where nothing fits).
+    """
+    members = state.shape[1]
+    chi2, steps = np.full(members, np.nan), np.full(members, limit, np.int16)
+    final, active = state.copy(), np.arange(members)
+    damping = np.full(members, _FIRST_DAMPING)
+    picture = picture_of(problem, state)
+    for used in range(1, limit + 1):
+        J = derivatives(problem, state, picture)
+        normal, gradient = normal_matrix(problem, J), gradient_of(problem, state, J, picture.residuals)
+        diagonal = np.arange(len(J))
+        normal[diagonal, diagonal] *= 1 + damping
+        step = triangular.solve(triangular.cholesky(normal), gradient)
+        promised = (step * gradient).sum(axis=0)
+        small = promised < _CONVERGED
+        new = moved(problem, state, step)
+        new_picture = picture_of(problem, new)
+        gain = (picture.chi2 - new_picture.chi2) / promised
+        better = (gain > 0) | small
+        damping = np.where(gain > _GOOD_GAIN, damping * 0.1, np.where(gain > _POOR_GAIN, damping, damping * 10))
+        damping = np.maximum(damping, _LEAST_DAMPING)
+        if better.all():
+            state, picture = new, new_picture
+        else:
+            state = np.where(better, new, state)
+            picture = picture_of(problem, state)
+        leaving = small | ~(damping < _MOST_DAMPING) | ~np.isfinite(picture.chi2)
+        if leaving.any():
+            gone = active[leaving]
+            final[:, gone], chi2[gone], steps[gone] = state[:, leaving], picture.chi2[leaving], used
+            stay = np.flatnonzero(~leaving)
+            active, damping, state = active[stay], damping[stay], state[:, stay]
+            problem, picture = problem.members(stay), picture.members(stay)
+            if not len(stay):
+                break
+    final[:, active], chi2[active], steps[active] = state, picture.chi2, limit
+    return final, chi2, steps

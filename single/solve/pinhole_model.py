@@ -1,0 +1,236 @@
+"""A rectangle under a pinhole without distortion, laid out for many members at once: batch last, one row a number.
+
+Coordinates of the search, chosen because the picture depends on them almost linearly, down to a view without any
+perspective (where focal and distance grow without bound and only their ratio shows):
+
+    u = cx + (u0 + s a) / (1 + kappa c),    v = cy + (v0 + s b) / (1 + kappa c),    (a, b, c) = R (X, Y, 0)
+
+(u0, v0) is the rectangle's middle seen from the principal point, s = f / t_z pixels to the metre, kappa = 1 / t_z.
+A negative kappa is the same picture as the rectangle mirrored in depth. A state (12, B) holds u0, v0, s, kappa, cx,
+cy and the first two columns of R.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from quadrig.single.pose import Pose
+from quadrig.single.rotation import Array
+from quadrig.single.solve import batched_cholesky as triangular
+
+# Members at a time: the derivatives of four corners at this length fit in a core's second-level cache.
+BLOCK = 1024
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """plane and pixels (P, 2, 1 or B), prior centre (2, 1 or B), noise (1 or B), focal (1 or B) where known."""
+
+    plane: Array
+    pixels: Array
+    centre: Array
+    noise: Array
+    centre_sigma: float
+    focal: Array | None
+    photographed: bool
+
+    def members(self, index: NDArray[np.intp]) -> "Problem":
+        def some(rows: Array) -> Array:
+            return rows if rows.shape[-1] == 1 else rows[..., index]
+
+        focal = None if self.focal is None else some(self.focal)
+        return Problem(
+            some(self.plane),
+            some(self.pixels),
+            some(self.centre),
+            some(self.noise),
+            self.centre_sigma,
+            focal,
+            self.photographed,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Picture:
+    """What a state shows: points turned into the camera's axes (3, P, B), residuals over sigma (2, P, B), pixels from
+    the principal point (2, P, B), 1 / (1 + kappa c) (P, B) and chi2 (B)."""
+
+    turned: Array
+    residuals: Array
+    seen: Array
+    shrink: Array
+    chi2: Array
+
+    def members(self, index: NDArray[np.intp]) -> "Picture":
+        return Picture(*(getattr(self, name)[..., index] for name in self.__dataclass_fields__))
+
+
+def rows(value: Array | float, batch: tuple[int, ...], tail: tuple[int, ...]) -> Array:
+    """The value with its batch last: (*tail, members), or (*tail, 1) where every member shares it."""
+    value = np.asarray(value, float)
+    if value.ndim > len(tail):
+        value = np.broadcast_to(value, (*batch, *tail))
+    return np.ascontiguousarray(np.moveaxis(value.reshape(-1, *tail), 0, -1))
+
+
+def state_of(focal: Array, cam_from_rect: Pose, centre: Array, batch: tuple[int, ...]) -> Array:
+    """u0, v0, s, kappa, cx, cy and the rotation's first two columns (12, members)."""
+    state = np.empty((12, int(np.prod(batch))))
+    translation = rows(cam_from_rect.translation, batch, (3,))
+    state[3] = 1 / translation[2]
+    state[2] = focal * state[3]
+    state[0:2], state[4:6] = state[2] * translation[:2], centre
+    state[6:9] = rows(cam_from_rect.rotation[..., 0], batch, (3,))
+    state[9:12] = rows(cam_from_rect.rotation[..., 1], batch, (3,))
+    return state
+
+
+def picture_of(problem: Problem, state: Array) -> Picture:
+    """Unseen points (nan) have no residual; the prior of the principal point counts in chi2."""
+    x, y = problem.plane[:, 0], problem.plane[:, 1]
+    u0, v0, s, kappa, cx, cy = state[:6]
+    turned = np.empty((3, len(x), state.shape[1]))
+    for row in range(3):
+        turned[row] = state[6 + row] * x + state[9 + row] * y
+    shrink = 1 / (1 + kappa * turned[2])
+    seen = np.empty((2, *shrink.shape))
+    seen[0], seen[1] = (u0 + s * turned[0]) * shrink, (v0 + s * turned[1]) * shrink
+    residuals = np.empty_like(seen)
+    residuals[0] = problem.pixels[:, 0] - cx - seen[0]
+    residuals[1] = problem.pixels[:, 1] - cy - seen[1]
+    residuals /= problem.noise
+    chi2 = (residuals * residuals).sum(axis=(0, 1))
+    if np.isnan(chi2).any():
+        residuals = np.where(np.isnan(problem.pixels).swapaxes(0, 1), 0.0, residuals)
+        chi2 = (residuals * residuals).sum(axis=(0, 1))
+    if problem.centre_sigma > 0:
+        offset = (state[4:6] - problem.centre) / problem.centre_sigma
+        chi2 = chi2 + (offset * offset).sum(axis=0)
+    if problem.photographed:
+        chi2 = np.where((shrink.min(axis=0) > 0) & (s > 0), chi2, np.inf)
+    return Picture(turned, residuals, seen, shrink, chi2)
+
+
+def derivatives(problem: Problem, state: Array, picture: Picture) -> Array:
+    """J (n, 2P, B) over sigma of the pixels by u0, v0, s and kappa (or kappa alone along s = f kappa), the rotation
+    step, and cx, cy where they are free."""
+    a, b, c = picture.turned
+    s, kappa = state[2], state[3]
+    (u, v), w = picture.seen, picture.shrink
+    inverse_noise = 1 / problem.noise
+    w = w * inverse_noise
+    free_centre = problem.centre_sigma > 0
+    known = problem.focal is not None
+    size = 7 - known + 2 * free_centre
+    J = np.zeros((size, 2, *c.shape))
+    J[0, 0], J[1, 1] = w, w
+    column = 2
+    cw = c * w
+    by_scale_u, by_scale_v = a * w, b * w
+    if problem.focal is None:
+        J[2, 0], J[2, 1] = by_scale_u, by_scale_v
+        J[3, 0], J[3, 1] = -u * cw, -v * cw
+        column = 4
+    else:
+        J[2, 0], J[2, 1] = problem.focal * by_scale_u - u * cw, problem.focal * by_scale_v - v * cw
+        column = 3
+    ku, kv = kappa * u, kappa * v
+    J[column, 0] = -ku * by_scale_v
+    J[column, 1] = -s * cw - kv * by_scale_v
+    J[column + 1, 0] = s * cw + ku * by_scale_u
+    J[column + 1, 1] = kv * by_scale_u
+    J[column + 2, 0], J[column + 2, 1] = -s * by_scale_v, s * by_scale_u
+    if free_centre:
+        J[column + 3, 0] = inverse_noise
+        J[column + 4, 1] = inverse_noise
+    unseen = np.isnan(problem.pixels)
+    if unseen.any():
+        J[:, unseen.swapaxes(0, 1)] = 0
+    return J.reshape(size, -1, c.shape[-1])
+
+
+def normal_matrix(problem: Problem, J: Array) -> Array:
+    """J^T J (n, n, B), the prior of the principal point added."""
+    size = len(J)
+    normal = np.empty((size, size, J.shape[-1]))
+    for i in range(size):
+        normal[i, : i + 1] = (J[i] * J[: i + 1]).sum(axis=1)
+        normal[: i + 1, i] = normal[i, : i + 1]
+    if problem.centre_sigma > 0:
+        for axis in (-2, -1):
+            normal[axis, axis] += problem.centre_sigma**-2
+    return normal
+
+
+def gradient_of(problem: Problem, state: Array, J: Array, residuals: Array) -> Array:
+    gradient = (J * residuals.reshape(-1, residuals.shape[-1])).sum(axis=1)
+    if problem.centre_sigma > 0:
+        gradient[-2:] += (problem.centre - state[4:6]) / problem.centre_sigma**2
+    return gradient
+
+
+def moved(problem: Problem, state: Array, step: Array) -> Array:
+    """The state after a step (n, B)."""
+    new = state.copy()
+    new[0:2] += step[0:2]
+    turn = 4
+    if problem.focal is None:
+        new[2:4] += step[2:4]
+    else:
+        new[3] += step[2]
+        new[2] = problem.focal * new[3]
+        turn = 3
+    if problem.centre_sigma > 0:
+        new[4:6] += step[-2:]
+    turn_x, turn_y, turn_z = step[turn : turn + 3]
+    square = turn_x * turn_x + turn_y * turn_y + turn_z * turn_z
+    # The rotation by the quaternion (w/2, 1), made of unit length: it agrees with exp(w) up to the third power of the
+    # step, stays orthonormal, and needs no sine. v + b (w x v + w x (w x v) / 2) with b = 1 / (1 + |w|^2 / 4).
+    factor = 1 / (1 + 0.25 * square)
+    for column in (6, 9):
+        x, y, z = state[column : column + 3]
+        p, q, r = turn_y * z - turn_z * y, turn_z * x - turn_x * z, turn_x * y - turn_y * x
+        new[column] += factor * (p + 0.5 * (turn_y * r - turn_z * q))
+        new[column + 1] += factor * (q + 0.5 * (turn_z * p - turn_x * r))
+        new[column + 2] += factor * (r + 0.5 * (turn_x * q - turn_y * p))
+    return new
+
+
+def mirror_to_front(state: Array) -> None:
+    """Where kappa < 0, the same picture with kappa > 0: the rectangle mirrored in depth."""
+    behind = np.flatnonzero(state[3] < 0)
+    for row in (3, 8, 11):
+        state[row, behind] *= -1
+
+
+def covariances(problem: Problem, state: Array) -> Array:
+    members = state.shape[1]
+    covariance = np.empty((members, 9, 9))
+    for first in range(0, members, BLOCK):
+        part = np.arange(first, min(first + BLOCK, members))
+        covariance[part] = _covariance(problem.members(part), state[:, part])
+    return covariance
+
+
+def _covariance(problem: Problem, state: Array) -> Array:
+    """Covariance (B, 9, 9) of (focal, cx, cy, rotation step, translation step)."""
+    J = derivatives(problem, state, picture_of(problem, state))
+    inner = triangular.inverse(triangular.cholesky(normal_matrix(problem, J)))
+    size = len(inner)
+    u0, v0, s, kappa = state[:4]
+    outer = np.zeros((9, size, len(u0)))
+    turn = 4 if problem.focal is None else 3
+    # t = (u0 / s, v0 / s, 1 / kappa) and f = s / kappa, with s = f kappa where the focal is known.
+    outer[6, 0] = outer[7, 1] = 1 / s
+    outer[8, turn - 1] = -1 / kappa**2
+    if problem.focal is None:
+        outer[0, 2], outer[0, 3] = 1 / kappa, -s / kappa**2
+        outer[6, 2], outer[7, 2] = -u0 / s**2, -v0 / s**2
+    else:
+        outer[6, 2], outer[7, 2] = -u0 / (s * kappa), -v0 / (s * kappa)
+    outer[3, turn] = outer[4, turn + 1] = outer[5, turn + 2] = 1
+    if problem.centre_sigma > 0:
+        outer[1, turn + 3] = outer[2, turn + 4] = 1
+    outer, inner = np.moveaxis(outer, -1, 0), np.moveaxis(inner, -1, 0)
+    return outer @ inner @ np.swapaxes(outer, -1, -2)
