@@ -17,9 +17,10 @@ from simulated import HEIGHT, WIDTH, Scene, Simulated, errors, simulate, views_a
 from quadrig.rig.calibration import calibrate
 from quadrig.rig.coach.select_frames import Looks, choose_framesets
 from quadrig.rig.result import Rig
+from quadrig.single.arrays import Floats
 from quadrig.single.lens import project
 from quadrig.single.pose import Pose
-from quadrig.single.rotation import Array, rotation_from_vector, vector_from_rotation
+from quadrig.single.rotation import rotation_from_vector, vector_from_rotation
 from quadrig.single.view import View
 
 FRAMESETS, HOLDS, SHARE = 300, 24, 0.1
@@ -74,7 +75,7 @@ def carried(holds: Pose) -> Pose:
     return Pose(rotation_from_vector(eased * turn) @ first, place)
 
 
-def _pixels(made: Simulated, place: Pose, points: Array) -> Array:
+def _pixels(made: Simulated, place: Pose, points: Floats) -> Floats:
     """(C, P, 2) where each camera sees points of the sheet."""
     cameras = range(len(made.inputs))
     return np.stack(
@@ -82,7 +83,7 @@ def _pixels(made: Simulated, place: Pose, points: Array) -> Array:
     )
 
 
-def _thumbnail(quad: Array, rng: np.random.Generator) -> Array:
+def _thumbnail(quad: Floats, rng: np.random.Generator) -> Floats:
     """A small picture of a board with these corners (4, 2) px; of a bare room where it is turned away."""
     canvas = np.full((4 * SMALL[1], 4 * SMALL[0]), 90, np.uint8)
     along, down = quad[1] - quad[0], quad[3] - quad[0]

@@ -21,9 +21,9 @@ from simulated import HEIGHT, WIDTH, Simulated, simulate, usual_scene
 from quadrig.rig.calibration import calibrate
 from quadrig.rig.doubt.working_accuracy import covered_points, rigid_part, triangulation_shape
 from quadrig.rig.result import Rig
+from quadrig.single.arrays import Floats
 from quadrig.single.errors import QuadrigError
 from quadrig.single.lens import LENS_PARAMETERS, project, project_with_derivatives
-from quadrig.single.rotation import Array
 
 KINDS = {
     "board, lenses bent": {"board": True, "distortion": True},
@@ -34,7 +34,7 @@ KINDS = {
 _POINTS = 12
 
 
-def triangulated(made: Simulated, rig: Rig, points: Array) -> Array:
+def triangulated(made: Simulated, rig: Rig, points: Floats) -> Floats:
     """Points (N, 3) of the rig frame, as the rig sees the pixels that the true cameras would give of them."""
     world_from_rig = made.world_from_camera[made.index(rig.reference)]
     found = points.copy()
@@ -59,12 +59,12 @@ def triangulated(made: Simulated, rig: Rig, points: Array) -> Array:
     return found
 
 
-def _inside(pixels: Array) -> Array:
+def _inside(pixels: Floats) -> Floats:
     with np.errstate(invalid="ignore"):
         return ((pixels >= 0) & (pixels <= [WIDTH - 1, HEIGHT - 1])).all(axis=1)
 
 
-def _holds(error: Array, covariance: Array) -> float:
+def _holds(error: Floats, covariance: Floats) -> float:
     """Chi-square's own quantile of an error: at most 0.95 where the 95 % region holds it."""
     return float(chi2.cdf(error @ np.linalg.solve(covariance, error), len(error)))
 

@@ -15,16 +15,16 @@ import cv2
 import numpy as np
 
 from quadrig.io.demo.scene import demo_scene
+from quadrig.single.arrays import Floats
 from quadrig.single.detect.dictionaries import tag_dictionary
 from quadrig.single.detect.image_search import detect
 from quadrig.single.marking import CharucoMarking, TagMarking, board_points, charuco_tag_squares
 from quadrig.single.rectangle import Rectangle
 from quadrig.single.render.picture import backdrop, ray_grid, render
 from quadrig.single.render.room import Room
-from quadrig.single.rotation import Array
 
 # Corners of one rectangle by name: its points (P, 3) m and pixels (P, 2).
-Found = dict[str, tuple[Array, Array]]
+Found = dict[str, tuple[Floats, Floats]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,8 +32,8 @@ class Shot:
     """A picture and where every rectangle's points truly are in it."""
 
     camera: int
-    image: Array
-    project: dict[str, Callable[[Array], Array]]
+    image: Floats
+    project: dict[str, Callable[[Floats], Floats]]
 
 
 def shoot(framesets: int, quality: int) -> tuple[list[Shot], tuple[Rectangle, ...]]:
@@ -87,7 +87,7 @@ class PlainLoop:
                 self._boards.append((rectangle, cv2.aruco.CharucoDetector(board)))
         self._detectors = {name: cv2.aruco.ArucoDetector(tag_dictionary(name), parameters) for name in self._tags}
 
-    def __call__(self, grey: Array) -> Found:
+    def __call__(self, grey: Floats) -> Found:
         """All that is found in one picture."""
         found: Found = {}
         for name, detector in self._detectors.items():
@@ -128,7 +128,7 @@ def run(search: Callable[[Shot], Found], shots: Sequence[Shot]) -> tuple[list[Fo
     return found, (time.process_time() - start) / len(shots) * 1e3
 
 
-def corners(found: Sequence[Found]) -> dict[tuple, Array]:
+def corners(found: Sequence[Found]) -> dict[tuple, Floats]:
     """Pixel (2,) of each corner by picture, rectangle and place on it."""
     return {
         (number, name, *np.round(point * 1e5).astype(int)): pixel
@@ -138,7 +138,7 @@ def corners(found: Sequence[Found]) -> dict[tuple, Array]:
     }
 
 
-def errors(found: Sequence[Found], shots: Sequence[Shot], kind: type, rectangles: Sequence[Rectangle]) -> Array:
+def errors(found: Sequence[Found], shots: Sequence[Shot], kind: type, rectangles: Sequence[Rectangle]) -> Floats:
     """Distances (N,) px from the truth of all corners of one kind of marking."""
     names = {r.name for r in rectangles if isinstance(r.marking, kind)}
     gaps = [

@@ -12,8 +12,8 @@ import cv2
 import numpy as np
 
 from quadrig.rig.problem.camera_input import CameraInput
+from quadrig.single.arrays import Floats
 from quadrig.single.pose import Pose
-from quadrig.single.rotation import Array
 from quadrig.single.view import View
 
 # OpenCV's flags for a lens of which only the focal is estimated.
@@ -25,13 +25,13 @@ STRAIGHT |= cv2.CALIB_FIX_K1 | cv2.CALIB_FIX_K2 | cv2.CALIB_FIX_K3
 class Peer:
     """What a peer found: focal (C,), rig_from_camera (C,) in the frame of the first camera."""
 
-    focal: Array
+    focal: Floats
     rig_from_camera: Pose
 
 
 def _first_poses(
     cameras: Sequence[CameraInput], views: Sequence[View], bent: bool, usual: bool
-) -> tuple[Array, dict[tuple[str, int], Pose]]:
+) -> tuple[Floats, dict[tuple[str, int], Pose]]:
     """Each camera by itself: its focal, and camera_from_rect of every View.
 
     usual: by calibrateCamera, as users do; else by the quickest that OpenCV has, a closed form and solvePnP.

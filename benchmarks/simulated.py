@@ -11,11 +11,12 @@ import numpy as np
 
 from quadrig.rig.problem.camera_input import CameraInput
 from quadrig.rig.result import Rig
+from quadrig.single.arrays import Floats
 from quadrig.single.lens import Intrinsics, LensModel, image_middle, project
 from quadrig.single.marking import board_points
 from quadrig.single.pose import Pose
 from quadrig.single.rectangle import Rectangle
-from quadrig.single.rotation import Array, rotation_from_vector, vector_from_rotation
+from quadrig.single.rotation import rotation_from_vector, vector_from_rotation
 from quadrig.single.view import View
 
 WIDTH, HEIGHT = 1280, 720
@@ -35,7 +36,7 @@ class Simulated:
     inputs: tuple[CameraInput, ...]
     rectangles: tuple[Rectangle, ...]
     views: tuple[View, ...]
-    lenses: Array
+    lenses: Floats
     world_from_camera: Pose
     world_from_rect: dict[str, Pose]
     noise: float
@@ -108,7 +109,7 @@ def views_again(
     return views
 
 
-def moved_poses(made: Simulated, reference: str, index: int, step: Array) -> Pose:
+def moved_poses(made: Simulated, reference: str, index: int, step: Floats) -> Pose:
     """world_from_camera with one camera moved by a step (6,) of its rig_from_camera."""
     world_from_rig = made.world_from_camera[made.index(reference)]
     poses = [made.world_from_camera[row] for row in range(len(made.inputs))]
@@ -136,7 +137,7 @@ def _draw(rng: np.random.Generator, scene: Scene) -> Simulated:
     return Simulated(inputs, tuple(rectangles), tuple(views), lenses, poses, by_name, scene.noise)
 
 
-def _lens(rng: np.random.Generator, scene: Scene) -> Array:
+def _lens(rng: np.random.Generator, scene: Scene) -> Floats:
     lens = np.zeros(9)
     lens[0], lens[8] = rng.uniform(*scene.focals), 1.0
     lens[1:3] = image_middle(WIDTH, HEIGHT) + rng.normal(size=2) * scene.principal * WIDTH
@@ -160,7 +161,7 @@ def _camera_pose(rng: np.random.Generator, scene: Scene, index: int) -> Pose:
     return facing(position, rng.normal(size=3) * 0.15)
 
 
-def facing(position: Array, target: Array) -> Pose:
+def facing(position: Floats, target: Floats) -> Pose:
     """world_from_camera of a camera that looks at a target, its y axis as near to the world's as can be."""
     z = (target - position) / np.linalg.norm(target - position)
     x = np.cross([0.0, 1.0, 0.0], z)
@@ -168,7 +169,7 @@ def facing(position: Array, target: Array) -> Pose:
     return Pose(np.stack([x, np.cross(z, x), z], axis=1), position)
 
 
-def _sheet(scene: Scene) -> tuple[Rectangle, Array]:
+def _sheet(scene: Scene) -> tuple[Rectangle, Floats]:
     if scene.board:
         return Rectangle("sheet", 0.54, 0.42, moving=True), board_points(9, 7, 0.06)
     sheet = Rectangle("sheet", 0.42, 0.30, moving=True)
@@ -190,10 +191,10 @@ def _sheet_pose(rng: np.random.Generator, poses: Pose, turn: int) -> Pose:
 def _see(
     rng: np.random.Generator,
     scene: Scene,
-    lenses: Array,
+    lenses: Floats,
     poses: Pose,
     rectangle: Rectangle,
-    points: Array,
+    points: Floats,
     place: Pose,
     frameset: int,
 ) -> list[View]:

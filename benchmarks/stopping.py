@@ -24,10 +24,10 @@ from quadrig.rig.coach.advice import Situation, advise
 from quadrig.rig.coach.conversation import Coach
 from quadrig.rig.problem.camera_input import CameraInput
 from quadrig.rig.result import Rig
+from quadrig.single.arrays import Floats
 from quadrig.single.errors import QuadrigError
 from quadrig.single.lens import Intrinsics
 from quadrig.single.pose import Pose
-from quadrig.single.rotation import Array
 from quadrig.single.view import View
 
 TARGET, MOST_FRAMESETS = 0.001, 60
@@ -117,7 +117,7 @@ def session(task: tuple[int, str]) -> dict[str, tuple[int, float]]:
 
 def true_error(coached: ModuleType, room, rig: Rig, placed: list[Pose]) -> float:
     """Root mean square distance, m, of the sheets' corners where the rig sees them from where they are."""
-    world: Array = np.concatenate([pose.transform(coached.SHEET.corners) for pose in placed])
+    world: Floats = np.concatenate([pose.transform(coached.SHEET.corners) for pose in placed])
     found = [(coached.triangulated(room, rig, point), point) for point in world]
     a = np.array([place for place, _ in found if place is not None])
     b = np.array([point for place, point in found if place is not None])

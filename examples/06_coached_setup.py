@@ -18,6 +18,7 @@ from quadrig.rig.coach.advice import Advice, Situation, advise
 from quadrig.rig.coach.conversation import Coach
 from quadrig.rig.problem.camera_input import CameraInput
 from quadrig.rig.result import Rig
+from quadrig.single.arrays import Floats
 from quadrig.single.detect.image_search import detect
 from quadrig.single.errors import QuadrigError
 from quadrig.single.lens import Intrinsics
@@ -25,7 +26,7 @@ from quadrig.single.marking import TagMarking
 from quadrig.single.pose import Pose
 from quadrig.single.rectangle import Rectangle
 from quadrig.single.render.picture import Sheet, ray_grid, render
-from quadrig.single.rotation import Array, rotation_from_vector
+from quadrig.single.rotation import rotation_from_vector
 from quadrig.single.view import View
 
 TARGET = 0.001
@@ -87,7 +88,7 @@ def a_room(rng: np.random.Generator) -> Room:
     return Room(tuple(lenses), tuple(poses))
 
 
-def looking_at(place: Array, target: Array) -> Pose:
+def looking_at(place: Floats, target: Floats) -> Pose:
     """world_from_camera, upright, the world's y axis pointing down."""
     z = (target - place) / np.linalg.norm(target - place)
     x = np.cross([0.0, 1.0, 0.0], z)
@@ -184,7 +185,7 @@ def true_error(room: Room, rig: Rig) -> float:
     return float(np.sqrt((((a - a.mean(0)) @ rotation - (b - b.mean(0))) ** 2).sum(1).mean()))
 
 
-def triangulated(room: Room, rig: Rig, point: Array) -> Array | None:
+def triangulated(room: Room, rig: Rig, point: Floats) -> Floats | None:
     """Where the rig sees a point of the world that two cameras have in their pictures: nearest to all of its rays."""
     normal, right = np.zeros((3, 3)), np.zeros(3)
     count = 0

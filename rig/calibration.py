@@ -17,9 +17,9 @@ from quadrig.rig.result import Rig
 from quadrig.rig.start.clock_offsets import InStep, in_step, path_offsets
 from quadrig.rig.start.lenses_and_poses import Start, start
 from quadrig.rig.start.pose_graph import FirstRig, first_rig
+from quadrig.single.arrays import Floats
 from quadrig.single.errors import QuadrigError
 from quadrig.single.rectangle import Rectangle
-from quadrig.single.rotation import Array
 from quadrig.single.view import View
 
 # Framesets grouped by clocks that were off by more than this (s) are grouped again: a hand moves a quarter of a mm.
@@ -87,7 +87,7 @@ def _jointly(problem: Problem, name: str) -> tuple[Problem, Joint, FirstRig]:
             first = _in_node_frame(first, node)
         standing = np.arange(len(problem.cameras)) == (anchor if node is None else -1)
         offsets = None if stepped is None else stepped.offsets
-        found: Array | None = None
+        found: Floats | None = None
         try:
             joint = solve_jointly(problem, begin, first, standing, node, offsets)
         except Contradicted:
@@ -114,7 +114,7 @@ def _jointly(problem: Problem, name: str) -> tuple[Problem, Joint, FirstRig]:
     return min(rounds, key=lambda one: (one[1].adjustment.state.slack is not None, one[1].noise))
 
 
-def _places(begin: Start) -> Array:
+def _places(begin: Start) -> Floats:
     """Where each View's rectangle stands in its camera (V, 3), m, by its likeliest candidate."""
     candidates = begin.candidates
     return candidates.camera_from_node.translation[np.unique(candidates.view, return_index=True)[1]]

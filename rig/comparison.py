@@ -5,10 +5,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from quadrig.rig.result import CAMERA_PARAMETERS, Rig
+from quadrig.single.arrays import Floats
 from quadrig.single.errors import QuadrigError
 from quadrig.single.lens import LENS_PARAMETERS
 from quadrig.single.pose import Pose
-from quadrig.single.rotation import Array, cross_matrix
+from quadrig.single.rotation import cross_matrix
 
 _LENS = len(LENS_PARAMETERS)
 # Weights of cameras settle to a per cent in this many rounds; more would change no printed digit.
@@ -30,7 +31,7 @@ class CameraDifference:
     shift_sigma: float
     turn: float
     turn_sigma: float
-    step: Array
+    step: Floats
     sigmas: float
     chance: float
 
@@ -69,7 +70,7 @@ def compare(first: Rig, second: Rig) -> Comparison:
     )
 
 
-def _aligned(first: Rig, second: Rig, names: list[str]) -> tuple[Pose, Array, Array, Array]:
+def _aligned(first: Rig, second: Rig, names: list[str]) -> tuple[Pose, Floats, Floats, Floats]:
     """first_from_second, steps (C, 6) that are left, their derivative (6C, 6) by a step of the whole second rig, and
     the linear map (6, 6C) from steps to that step."""
     stored = [first.camera(name).rig_from_camera for name in names]
@@ -94,21 +95,21 @@ def _aligned(first: Rig, second: Rig, names: list[str]) -> tuple[Pose, Array, Ar
     return first_from_second, steps, gauge, pull
 
 
-def _gauge(pose: Pose) -> Array:
+def _gauge(pose: Pose) -> Floats:
     """Derivative (6, 6) of the step of exp(twist) @ pose by the twist."""
     result = np.eye(6)
     result[3:, :3] = -cross_matrix(pose.translation)
     return result
 
 
-def _poses(rig: Rig, names: list[str], frame_from_rig: Pose) -> Array:
+def _poses(rig: Rig, names: list[str], frame_from_rig: Pose) -> Floats:
     """Joint covariance (6C, 6C) of the cameras' steps, in another frame."""
     index = np.concatenate([rig.camera_index(name) * CAMERA_PARAMETERS + _LENS + np.arange(6) for name in names])
     turn = np.kron(np.eye(2 * len(names)), frame_from_rig.rotation)
     return turn @ rig.covariance[np.ix_(index, index)] @ turn.T
 
 
-def _difference(first: Rig, second: Rig, name: str, step: Array, doubt: Array) -> CameraDifference:
+def _difference(first: Rig, second: Rig, name: str, step: Floats, doubt: Floats) -> CameraDifference:
     distance, freedoms = _mahalanobis(step, doubt)
     return CameraDifference(
         name,
@@ -124,7 +125,7 @@ def _difference(first: Rig, second: Rig, name: str, step: Array, doubt: Array) -
     )
 
 
-def _mahalanobis(step: Array, doubt: Array) -> tuple[float, int]:
+def _mahalanobis(step: Floats, doubt: Floats) -> tuple[float, int]:
     """Squared distance, and in how many directions there is any doubt."""
     values, axes = np.linalg.eigh(doubt)
     # What alignment took away is zero up to rounding, twelve digits below the rest.
@@ -138,5 +139,5 @@ def _chance(distance: float, freedoms: int) -> float:
     return float(chi2.sf(distance, freedoms)) if freedoms else float("nan")
 
 
-def _block(matrix: Array, index: int) -> Array:
+def _block(matrix: Floats, index: int) -> Floats:
     return matrix[6 * index : 6 * index + 6, 6 * index : 6 * index + 6]

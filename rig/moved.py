@@ -29,11 +29,11 @@ from quadrig.rig.result import CAMERA_PARAMETERS, Rig
 from quadrig.rig.start.lenses_and_poses import start
 from quadrig.rig.start.pose_graph import first_rig
 from quadrig.rig.words import length
+from quadrig.single.arrays import Floats
 from quadrig.single.errors import QuadrigError
 from quadrig.single.lens import LENS_PARAMETERS
 from quadrig.single.pose import Pose
 from quadrig.single.rectangle import Rectangle
-from quadrig.single.rotation import Array
 from quadrig.single.view import View
 
 State = Literal["unmoved", "moved", "cannot tell"]
@@ -65,7 +65,7 @@ class CameraMove:
     found: float = float("nan")
     instead: tuple[str, ...] = ()
     why: str = ""
-    covariance: Array = field(default_factory=lambda: np.full((6, 6), np.nan))
+    covariance: Floats = field(default_factory=lambda: np.full((6, 6), np.nan))
 
 
 def find_moved(
@@ -119,12 +119,12 @@ class _Evidence:
     the noise that each camera's test rests on."""
 
     names: tuple[str, ...]
-    score: Array
-    information: Array
+    score: Floats
+    information: Floats
     stored: tuple[Pose, ...]
     new_from_old: Pose
-    distance: Array
-    freedom: Array
+    distance: Floats
+    freedom: Floats
 
 
 def _evidence(rig: Rig, problem: Problem) -> _Evidence:
@@ -156,7 +156,7 @@ def _evidence(rig: Rig, problem: Problem) -> _Evidence:
     )
 
 
-def _freedom(information: Array, passed: Array, stored: float, new: float) -> Array:
+def _freedom(information: Floats, passed: Floats, stored: float, new: float) -> Floats:
     """Satterthwaite's degrees of freedom (C,) where a share of each camera's doubt comes from the stored rig's noise
     and the rest from the new Views'. passed: M S M, by how much that share lowers the information."""
     freedom = []
@@ -190,7 +190,7 @@ def _aligned(joint: Joint, stored: Sequence[Pose]) -> Pose:
     return best
 
 
-def _new_information(rig: Rig, problem: Problem, joint: Joint) -> tuple[Array, Array, Array, float]:
+def _new_information(rig: Rig, problem: Problem, joint: Joint) -> tuple[Floats, Floats, Floats, float]:
     """H, g and the lens columns at the new rig, every lens that the stored rig estimated and every pose free; and the
     degrees of freedom of the noise that H and g rest on."""
     free = np.array(
@@ -215,7 +215,7 @@ def _new_information(rig: Rig, problem: Problem, joint: Joint) -> tuple[Array, A
     return (*_without(matrix, gradient, is_clock), found.columns, max(freedom, 0.0) + USUAL_WEIGHT)
 
 
-def _without(matrix: Array, gradient: Array, nuisance: Array) -> tuple[Array, Array]:
+def _without(matrix: Floats, gradient: Floats, nuisance: Floats) -> tuple[Floats, Floats]:
     """Information and gradient of the rest when what is of no interest takes its best value."""
     if not nuisance.any():
         return matrix, gradient
@@ -224,7 +224,7 @@ def _without(matrix: Array, gradient: Array, nuisance: Array) -> tuple[Array, Ar
     return rest, gradient[~nuisance] - gain @ gradient[nuisance]
 
 
-def _stored_covariance(rig: Rig, problem: Problem, columns: Array, new_from_old: Pose) -> Array:
+def _stored_covariance(rig: Rig, problem: Problem, columns: Floats, new_from_old: Pose) -> Floats:
     """The stored rig's covariance over lens columns and twists, in the new frame, in the order of the problem."""
     turn = np.kron(np.eye(2), new_from_old.rotation)
     size = len(columns) + 6
@@ -238,13 +238,13 @@ def _stored_covariance(rig: Rig, problem: Problem, columns: Array, new_from_old:
     return spread @ rig.covariance @ spread.T
 
 
-def _twist(pose: Pose) -> Array:
+def _twist(pose: Pose) -> Floats:
     """The twist (6,) whose exponential is the pose, to second order: moves are small beside a radian."""
     turn = pose.rotation_vector()
     return np.concatenate([turn, pose.translation - np.cross(turn, pose.translation) / 2])
 
 
-def _distances(problem: Problem, joint: Joint) -> Array:
+def _distances(problem: Problem, joint: Joint) -> Floats:
     """Median distance (C,) from each camera of the rectangles that it saw, m."""
     depth = joint.adjustment.state.camera_from_rect(joint.observations).translation[:, 2]
     return np.array([np.median(depth[problem.camera == row]) for row in range(len(problem.cameras))])
@@ -305,7 +305,7 @@ def _fall(evidence: _Evidence, cameras: list[int]) -> float:
     return float(score @ np.linalg.pinv(evidence.information[np.ix_(rows, rows)], hermitian=True) @ score)
 
 
-def _rows(cameras: list[int]) -> Array:
+def _rows(cameras: list[int]) -> Floats:
     return (np.array(cameras)[:, None] * 6 + np.arange(6)).ravel()
 
 

@@ -15,11 +15,11 @@ from quadrig.rig.problem.camera_input import CameraInput
 from quadrig.rig.result import CAMERA_PARAMETERS, Rig
 from quadrig.rig.start.lenses_and_poses import start
 from quadrig.rig.start.pose_graph import FirstRig, first_rig
+from quadrig.single.arrays import Floats
 from quadrig.single.errors import QuadrigError
 from quadrig.single.lens import LENS_PARAMETERS
 from quadrig.single.pose import Pose
 from quadrig.single.rectangle import Rectangle
-from quadrig.single.rotation import Array
 from quadrig.single.view import View
 
 
@@ -93,7 +93,7 @@ def _joined(problem: Problem, stays: set[str], moved: Sequence[str]) -> Problem:
     )
 
 
-def _in_rig_frame(problem: Problem, rig: Rig, first: FirstRig, standing: Array) -> FirstRig:
+def _in_rig_frame(problem: Problem, rig: Rig, first: FirstRig, standing: Floats) -> FirstRig:
     """The first rig in the frame of the old one, standing cameras where they were."""
     anchor = int(np.flatnonzero(standing)[0])
     rig_from_anchor = rig.camera(problem.cameras[anchor].name).rig_from_camera
@@ -107,7 +107,7 @@ def _in_rig_frame(problem: Problem, rig: Rig, first: FirstRig, standing: Array) 
     )
 
 
-def _passed_on(problem: Problem, joint: Joint, rig: Rig, standing: Array) -> Array:
+def _passed_on(problem: Problem, joint: Joint, rig: Rig, standing: Floats) -> Floats:
     """Covariance (15 C, 15 C): of the moved cameras by themselves, and what the others' doubt adds to it."""
     free = joint.freedom.lens.copy()
     for row in np.flatnonzero(standing):
@@ -132,7 +132,7 @@ def _passed_on(problem: Problem, joint: Joint, rig: Rig, standing: Array) -> Arr
     return camera_covariance(replace(joint, adjustment=found, reduced=undamped(found, opened), covariance=total))
 
 
-def _as_solved(problem: Problem, rig: Rig, standing: Array, columns: Array) -> Array:
+def _as_solved(problem: Problem, rig: Rig, standing: Floats, columns: Floats) -> Floats:
     """The old rig's covariance over lens columns and twists of camera_from_rig, zero for the moved cameras."""
     size = len(columns) + 6
     spread = np.zeros((len(standing) * size, len(rig.covariance)))
@@ -165,5 +165,5 @@ def _with_absent(rig: Rig, solved: Rig, moved: Sequence[str]) -> Rig:
     return replace(solved, cameras=tuple(cameras), covariance=total)
 
 
-def _block(index: int) -> Array:
+def _block(index: int) -> Floats:
     return np.arange(index * CAMERA_PARAMETERS, (index + 1) * CAMERA_PARAMETERS)

@@ -4,10 +4,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from quadrig.single.arrays import Floats
 from quadrig.single.lens import LENS_PARAMETERS, Intrinsics
 from quadrig.single.pose import Pose, compose_jacobians, inverse_jacobian
 from quadrig.single.rectangle import Rectangle
-from quadrig.single.rotation import Array
 from quadrig.single.view import View
 
 CAMERA_PARAMETERS = len(LENS_PARAMETERS) + 6
@@ -46,8 +46,8 @@ class PlacedRectangle:
 
     rectangle: Rectangle
     rig_from_rect: Pose
-    covariance: Array
-    framesets: Array = field(default_factory=lambda: np.zeros(0, int))
+    covariance: Floats
+    framesets: Floats = field(default_factory=lambda: np.zeros(0, int))
 
     @property
     def name(self) -> str:
@@ -64,8 +64,8 @@ class ViewFit:
     """
 
     view: View
-    residuals: Array
-    used: Array
+    residuals: Floats
+    used: Floats
     reading: int = 0
     rejected: str = ""
 
@@ -88,7 +88,7 @@ class Rig:
     reference: str
     cameras: tuple[Camera, ...]
     rectangles: tuple[PlacedRectangle, ...]
-    covariance: Array
+    covariance: Floats
     fits: tuple[ViewFit, ...] = ()
     noise: float = float("nan")
     rms: float = float("nan")
@@ -110,17 +110,17 @@ class Rig:
                 return index
         raise KeyError(name)
 
-    def lens_covariance(self, name: str) -> Array:
+    def lens_covariance(self, name: str) -> Floats:
         """(9, 9), in the order of LENS_PARAMETERS."""
         start = self.camera_index(name) * CAMERA_PARAMETERS
         return self.covariance[start : start + 9, start : start + 9]
 
-    def pose_covariance(self, name: str) -> Array:
+    def pose_covariance(self, name: str) -> Floats:
         """(6, 6), of the step of rig_from_camera."""
         start = self.camera_index(name) * CAMERA_PARAMETERS + 9
         return self.covariance[start : start + 6, start : start + 6]
 
-    def relative_covariance(self, left: str, right: str) -> Array:
+    def relative_covariance(self, left: str, right: str) -> Floats:
         """(6, 6), of the step of left_from_right between two cameras; where the rig frame stands does not matter."""
         rig_from_left, rig_from_right = self.camera(left).rig_from_camera, self.camera(right).rig_from_camera
         by_inverse, by_right = compose_jacobians(rig_from_left.inverse(), rig_from_right)

@@ -6,10 +6,10 @@ from typing import Literal
 
 import numpy as np
 
+from quadrig.single.arrays import Floats
 from quadrig.single.errors import QuadrigError
 from quadrig.single.lens import Intrinsics
 from quadrig.single.pose import Pose, inverse_jacobian
-from quadrig.single.rotation import Array
 from quadrig.single.solve.corners import REASON_WORDS, Reason
 from quadrig.single.solve.focal_advice import focal_advice, percent, view_tilt
 from quadrig.single.solve.lens_fit import LensFit, fit_lens
@@ -53,11 +53,11 @@ class Calibration:
     """
 
     intrinsics: Intrinsics
-    lens_covariance: Array
+    lens_covariance: Floats
     cam_from_rects: Pose
-    pose_covariance: Array
-    lens_pose_covariance: Array
-    residuals: tuple[Array, ...]
+    pose_covariance: Floats
+    lens_pose_covariance: Floats
+    residuals: tuple[Floats, ...]
     rms: float
     noise: float
     reason: Reason
@@ -77,7 +77,7 @@ class Calibration:
         spread = NORMAL_95 * self.focal_sigma * inverse**2
         return 1 / (inverse + spread), 1 / (inverse - spread) if inverse > spread else np.inf
 
-    def covariance(self, view: int = 0) -> Array:
+    def covariance(self, view: int = 0) -> Floats:
         """Covariance (9, 9) of (focal, cx, cy, step of cam_from_rect) for one of the Views."""
         result = np.zeros((9, 9))
         result[:3, :3] = self.lens_covariance[:3, :3]
@@ -92,7 +92,7 @@ class Calibration:
         return self.cam_from_rects.inverse()
 
     @property
-    def rect_from_cam_covariance(self) -> Array:
+    def rect_from_cam_covariance(self) -> Floats:
         """Covariance (V, 6, 6) of the steps of rect_from_cams (rectangle's frame)."""
         jacobian = inverse_jacobian(self.cam_from_rects)
         return jacobian @ self.pose_covariance @ np.swapaxes(jacobian, -1, -2)
@@ -103,7 +103,7 @@ def calibrate_view(
     image_size: tuple[int, int],
     *,
     focal: float | None = None,
-    principal_point: Array | None = None,
+    principal_point: Floats | None = None,
     principal_point_sigma: float | None = None,
     distortion: Distortion = "auto",
     distortion_sigma: float | None = None,
@@ -125,7 +125,7 @@ def calibrate_views(
     image_size: tuple[int, int],
     *,
     focal: float | None = None,
-    principal_point: Array | None = None,
+    principal_point: Floats | None = None,
     principal_point_sigma: float | None = None,
     distortion: Distortion = "auto",
     distortion_sigma: float | None = None,
@@ -169,7 +169,7 @@ def calibrate_views(
 class _Given:
     image_size: tuple[int, int]
     focal: float | None
-    centre: Array
+    centre: Floats
     centre_sigma: float
     distortion_sigma: float
     decentring: float
@@ -188,7 +188,7 @@ def _distortion_sigma(
     return USUAL_DISTORTION_SIGMA if distortion == "auto" and camera_unknown and not _many(views) else 0.0
 
 
-def _alone(view: View, given: _Given, points: Array, focal: float | None) -> Solution:
+def _alone(view: View, given: _Given, points: Floats, focal: float | None) -> Solution:
     if len(points) != len(view.pixels) or len(points) < 4:
         raise QuadrigError(
             f"the View of {view.rectangle!r} has {len(points)} points and {len(view.pixels)} pixels; "

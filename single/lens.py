@@ -12,7 +12,7 @@ from typing import Literal
 
 import numpy as np
 
-from quadrig.single.rotation import Array
+from quadrig.single.arrays import Floats
 
 LensModel = Literal["pinhole", "fisheye"]
 
@@ -36,8 +36,8 @@ class Intrinsics:
     width: int
     height: int
     focal: float
-    principal_point: Array
-    distortion: Array = field(default_factory=lambda: np.zeros(5))
+    principal_point: Floats
+    distortion: Floats = field(default_factory=lambda: np.zeros(5))
     aspect: float = 1.0
     model: LensModel = "pinhole"
 
@@ -47,11 +47,11 @@ class Intrinsics:
         return Intrinsics(width, height, float(focal), image_middle(width, height), model=model)
 
     @property
-    def parameters(self) -> Array:
+    def parameters(self) -> Floats:
         """The nine numbers (9,) in the order of LENS_PARAMETERS."""
         return np.array([self.focal, *self.principal_point, *self.distortion, self.aspect])
 
-    def with_parameters(self, parameters: Array) -> "Intrinsics":
+    def with_parameters(self, parameters: Floats) -> "Intrinsics":
         """The same image and model with other numbers (9,)."""
         p = np.asarray(parameters, float)
         return replace(
@@ -63,7 +63,7 @@ class Intrinsics:
         )
 
     @property
-    def camera_matrix(self) -> Array:
+    def camera_matrix(self) -> Floats:
         """K (3, 3) of x = K X."""
         return np.array(
             [
@@ -73,16 +73,16 @@ class Intrinsics:
             ]
         )
 
-    def project(self, points: Array) -> Array:
+    def project(self, points: Floats) -> Floats:
         """Pixels (..., 2) of points (..., 3) in the camera frame; nan where the lens cannot see the point."""
         return project(self.parameters, points, self.model)
 
-    def unproject(self, pixels: Array) -> Array:
+    def unproject(self, pixels: Floats) -> Floats:
         """Unit rays (..., 3) of pixels (..., 2); nan where the lens has no ray for the pixel."""
         return unproject(self.parameters, pixels, self.model)
 
 
-def image_middle(width: int, height: int) -> Array:
+def image_middle(width: int, height: int) -> Floats:
     """Where a principal point is expected (2,): half the size, as OpenCV's and COLMAP's own guesses put it.
 
     By the convention of pixel centres the middle is half a pixel less; lenses are off by tens of pixels.
@@ -90,7 +90,7 @@ def image_middle(width: int, height: int) -> Array:
     return np.array([width / 2, height / 2])
 
 
-def project(parameters: Array, points: Array, model: LensModel = "pinhole") -> Array:
+def project(parameters: Floats, points: Floats, model: LensModel = "pinhole") -> Floats:
     """Pixels (..., 2) of points (..., 3) in the camera frame, for lenses (..., 9) that broadcast against them.
 
     nan where a point lies behind a pinhole, or on the axis behind a fisheye lens.
@@ -102,8 +102,8 @@ def project(parameters: Array, points: Array, model: LensModel = "pinhole") -> A
 
 
 def project_with_derivatives(
-    parameters: Array, points: Array, model: LensModel = "pinhole"
-) -> tuple[Array, Array, Array]:
+    parameters: Floats, points: Floats, model: LensModel = "pinhole"
+) -> tuple[Floats, Floats, Floats]:
     """Pixels (..., 2) with their derivatives by the lens (..., 2, 9) and by the point (..., 2, 3)."""
     parameters, points = np.asarray(parameters, float), np.asarray(points, float)
     shape = np.broadcast_shapes(parameters.shape[:-1], points.shape[:-1])
@@ -119,12 +119,12 @@ def project_with_derivatives(
 
 
 def fill_projection_rows(
-    parameters: Array,
-    points: Array,
-    by_lens: Sequence[Array | None],
-    by_point: Array,
+    parameters: Floats,
+    points: Floats,
+    by_lens: Sequence[Floats | None],
+    by_point: Floats,
     model: LensModel = "pinhole",
-) -> Array:
+) -> Floats:
     """Pixels (2, ...) and, written in place, their derivatives: the same projection with components first.
 
     parameters (9, ...) and points (3, ...) broadcast. by_lens: nine arrays (2, ...) that come as zeros, or None for
@@ -148,7 +148,7 @@ def fill_projection_rows(
     return np.stack([focal * x + parameters[1], focal_y * y + parameters[2]])
 
 
-def unproject(parameters: Array, pixels: Array, model: LensModel = "pinhole") -> Array:
+def unproject(parameters: Floats, pixels: Floats, model: LensModel = "pinhole") -> Floats:
     """Unit rays (..., 3) of pixels (..., 2) by Newton's method; nan where no ray leads to the pixel."""
     parameters, pixels = np.asarray(parameters, float), np.asarray(pixels, float)
     focal, aspect = parameters[..., 0], parameters[..., 8]
@@ -162,18 +162,18 @@ def unproject(parameters: Array, pixels: Array, model: LensModel = "pinhole") ->
         return ray / np.linalg.norm(ray, axis=-1, keepdims=True)
 
 
-def _pixels(parameters: Array, distorted: Array) -> Array:
+def _pixels(parameters: Floats, distorted: Floats) -> Floats:
     focal, aspect = parameters[..., 0], parameters[..., 8]
     return distorted * np.stack([focal, focal * aspect], axis=-1) + parameters[..., 1:3]
 
 
-def _plane_from_point(points: Array) -> Array:
+def _plane_from_point(points: Floats) -> Floats:
     with np.errstate(divide="ignore", invalid="ignore"):
         depth = np.where(points[..., 2:] > 0, points[..., 2:], np.nan)
         return points[..., :2] / depth
 
 
-def _distort_radial_tangential(parameters: Array, plane: Array) -> Array:
+def _distort_radial_tangential(parameters: Floats, plane: Floats) -> Floats:
     k1, k2, p1, p2, k3 = np.moveaxis(parameters[..., 3:8], -1, 0)
     x, y = plane[..., 0], plane[..., 1]
     square = x * x + y * y
@@ -189,13 +189,13 @@ def _distort_radial_tangential(parameters: Array, plane: Array) -> Array:
 
 
 def _fill_radial_tangential(
-    parameters: Array,
-    points: Array,
-    by_distortion: Sequence[Array | None],
-    by_point: Array,
-    focal_x: Array,
-    focal_y: Array,
-) -> tuple[Array, Array]:
+    parameters: Floats,
+    points: Floats,
+    by_distortion: Sequence[Floats | None],
+    by_point: Floats,
+    focal_x: Floats,
+    focal_y: Floats,
+) -> tuple[Floats, Floats]:
     k1, k2, p1, p2, k3 = parameters[3:8]
     with np.errstate(divide="ignore", invalid="ignore"):
         inverse_depth = 1 / np.where(points[2] > 0, points[2], np.nan)
@@ -235,7 +235,7 @@ def _fill_radial_tangential(
     return distorted_x, distorted_y
 
 
-def _radial_tangential_slope(parameters: Array, plane: Array) -> Array:
+def _radial_tangential_slope(parameters: Floats, plane: Floats) -> Floats:
     """Derivative (..., 2, 2) of the distorted point by the plane point (..., 2)."""
     k1, k2, p1, p2, k3 = np.moveaxis(parameters[..., 3:8], -1, 0)
     x, y = plane[..., 0], plane[..., 1]
@@ -249,7 +249,7 @@ def _radial_tangential_slope(parameters: Array, plane: Array) -> Array:
     return by_plane
 
 
-def _undistort_radial_tangential(parameters: Array, distorted: Array) -> Array:
+def _undistort_radial_tangential(parameters: Floats, distorted: Floats) -> Floats:
     parameters = np.broadcast_to(parameters, (*distorted.shape[:-1], 9))
     plane = distorted.copy()
     for _ in range(_NEWTON_STEPS):
@@ -268,7 +268,7 @@ def _undistort_radial_tangential(parameters: Array, distorted: Array) -> Array:
     return np.where(((error < _NEWTON_TOLERANCE) & unfolded)[..., None], plane, np.nan)
 
 
-def _equidistant_radius(parameters: Array, angle: Array) -> tuple[Array, Array]:
+def _equidistant_radius(parameters: Floats, angle: Floats) -> tuple[Floats, Floats]:
     """Distorted angle theta_d of the angle from the axis, and its slope."""
     k1, k2, k3, k4 = np.moveaxis(parameters[..., 3:7], -1, 0)
     s = angle * angle
@@ -281,7 +281,7 @@ def _equidistant_radius(parameters: Array, angle: Array) -> tuple[Array, Array]:
 _ON_AXIS = 1e-9
 
 
-def _distort_equidistant(parameters: Array, points: Array) -> Array:
+def _distort_equidistant(parameters: Floats, points: Floats) -> Floats:
     radius = np.hypot(points[..., 0], points[..., 1])
     theta_d, _ = _equidistant_radius(parameters, np.arctan2(radius, points[..., 2]))
     near = radius < _ON_AXIS * np.abs(points[..., 2])
@@ -291,13 +291,13 @@ def _distort_equidistant(parameters: Array, points: Array) -> Array:
 
 
 def _fill_equidistant(
-    parameters: Array,
-    points: Array,
-    by_distortion: Sequence[Array | None],
-    by_point: Array,
-    focal_x: Array,
-    focal_y: Array,
-) -> tuple[Array, Array]:
+    parameters: Floats,
+    points: Floats,
+    by_distortion: Sequence[Floats | None],
+    by_point: Floats,
+    focal_x: Floats,
+    focal_y: Floats,
+) -> tuple[Floats, Floats]:
     x, y, z = points
     radius = np.hypot(x, y)
     near = radius < _ON_AXIS * np.abs(z)
@@ -323,7 +323,7 @@ def _fill_equidistant(
     return x * ratio, y * ratio
 
 
-def _ray_equidistant(parameters: Array, distorted: Array) -> Array:
+def _ray_equidistant(parameters: Floats, distorted: Floats) -> Floats:
     parameters = np.broadcast_to(parameters, (*distorted.shape[:-1], 9))
     radius = np.linalg.norm(distorted, axis=-1)
     angle = np.minimum(radius, np.pi)

@@ -5,7 +5,7 @@ from typing import Literal
 
 import numpy as np
 
-from quadrig.single.rotation import Array
+from quadrig.single.arrays import Floats
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,7 @@ class PointsMarking:
 Marking = TagMarking | CharucoMarking | ChessboardMarking | PlainMarking | PointsMarking
 
 
-def board_points(columns: int, rows: int, square: float) -> Array:
+def board_points(columns: int, rows: int, square: float) -> Floats:
     """Inner corners ((columns-1)(rows-1), 3) of a board of columns x rows squares, metres, row by row from the
     top left, in the frame of the whole board's rectangle."""
     x = (np.arange(1, columns) - columns / 2) * square

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from quadrig.single.rotation import (
-    Array,
+    Floats,
     cross_matrix,
     quaternion_from_rotation,
     rotation_from_vector,
@@ -24,8 +24,8 @@ class Pose:
     for batches that broadcast.
     """
 
-    rotation: Array
-    translation: Array
+    rotation: Floats
+    translation: Floats
 
     @staticmethod
     def identity() -> "Pose":
@@ -33,12 +33,12 @@ class Pose:
         return Pose(np.eye(3), np.zeros(3))
 
     @staticmethod
-    def from_vectors(rotation_vector: Array, translation: Array) -> "Pose":
+    def from_vectors(rotation_vector: Floats, translation: Floats) -> "Pose":
         """Pose of a rotation vector (radians) and a translation, each (..., 3)."""
         return Pose(rotation_from_vector(rotation_vector), np.asarray(translation, float))
 
     @staticmethod
-    def from_twist(twist: Array) -> "Pose":
+    def from_twist(twist: Floats) -> "Pose":
         """Exponential of a twist (..., 6) = (rotation vector, velocity): the screw motion it leads to."""
         twist = np.asarray(twist, float)
         vector, velocity = twist[..., :3], twist[..., 3:]
@@ -54,12 +54,12 @@ class Pose:
         return Pose(np.eye(3) + ratio * cross + versine * twice, (along @ velocity[..., None])[..., 0])
 
     @staticmethod
-    def from_matrix(matrix: Array) -> "Pose":
+    def from_matrix(matrix: Floats) -> "Pose":
         """Pose of a homogeneous matrix (..., 4, 4) whose last row is 0 0 0 1."""
         matrix = np.asarray(matrix, float)
         return Pose(matrix[..., :3, :3], matrix[..., :3, 3])
 
-    def matrix(self) -> Array:
+    def matrix(self) -> Floats:
         """Homogeneous matrix (..., 4, 4)."""
         result = np.zeros((*self.translation.shape[:-1], 4, 4))
         result[..., :3, :3] = self.rotation
@@ -67,11 +67,11 @@ class Pose:
         result[..., 3, 3] = 1
         return result
 
-    def quaternion(self) -> Array:
+    def quaternion(self) -> Floats:
         """Unit quaternion (..., 4) in the order (x, y, z, w), w >= 0."""
         return quaternion_from_rotation(self.rotation)
 
-    def rotation_vector(self) -> Array:
+    def rotation_vector(self) -> Floats:
         """Rotation vector (..., 3) in radians."""
         return vector_from_rotation(self.rotation)
 
@@ -87,11 +87,11 @@ class Pose:
         transposed = np.swapaxes(self.rotation, -1, -2)
         return Pose(transposed, -(transposed @ self.translation[..., None])[..., 0])
 
-    def transform(self, points: Array) -> Array:
+    def transform(self, points: Floats) -> Floats:
         """Points (..., 3) in frame b to frame a; the leading axes broadcast against the pose's own."""
         return (self.rotation @ np.asarray(points, float)[..., None])[..., 0] + self.translation
 
-    def retract(self, step: Array) -> "Pose":
+    def retract(self, step: Floats) -> "Pose":
         """The pose after a small step (..., 6) = (rotation vector, translation), both in frame a.
 
         rotation <- exp(step[:3]) rotation, translation <- translation + step[3:]. Every pose covariance of
@@ -100,13 +100,13 @@ class Pose:
         step = np.asarray(step, float)
         return Pose(rotation_from_vector(step[..., :3]) @ self.rotation, self.translation + step[..., 3:])
 
-    def step_to(self, other: "Pose") -> Array:
+    def step_to(self, other: "Pose") -> Floats:
         """The step (..., 6) with self.retract(step) equal to other."""
         rotation = other.rotation @ np.swapaxes(self.rotation, -1, -2)
         return np.concatenate([vector_from_rotation(rotation), other.translation - self.translation], axis=-1)
 
 
-def inverse_jacobian(pose: Pose) -> Array:
+def inverse_jacobian(pose: Pose) -> Floats:
     """Derivative (..., 6, 6) of the step of pose.inverse() by the step of pose."""
     transposed = np.swapaxes(pose.rotation, -1, -2)
     result = np.zeros((*pose.translation.shape[:-1], 6, 6))
@@ -116,7 +116,7 @@ def inverse_jacobian(pose: Pose) -> Array:
     return result
 
 
-def compose_jacobians(left: Pose, right: Pose) -> tuple[Array, Array]:
+def compose_jacobians(left: Pose, right: Pose) -> tuple[Floats, Floats]:
     """Derivatives (..., 6, 6) of the step of left @ right by the steps of left and of right."""
     batch = np.broadcast_shapes(left.translation.shape[:-1], right.translation.shape[:-1])
     by_left, by_right = np.zeros((*batch, 6, 6)), np.zeros((*batch, 6, 6))

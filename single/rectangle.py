@@ -9,10 +9,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from quadrig.single.arrays import Floats
 from quadrig.single.errors import QuadrigError
 from quadrig.single.marking import Marking, PointsMarking
 from quadrig.single.pose import Pose
-from quadrig.single.rotation import Array
 
 PAPER_SIZES = {
     "A5": (0.210, 0.148),
@@ -48,12 +48,12 @@ class Rectangle:
                 )
 
     @property
-    def corners(self) -> Array:
+    def corners(self) -> Floats:
         """P1 to P4 of Eq. 4, (4, 3) metres in the rectangle's frame."""
         return rectangle_corners(self.width, self.height)
 
 
-def rectangle_corners(width: Array | float, height: Array | float) -> Array:
+def rectangle_corners(width: Floats | float, height: Floats | float) -> Floats:
     """P1(+l1,+l2) P2(-l1,+l2) P3(-l1,-l2) P4(+l1,-l2) of Eq. 4. Shapes (...) -> (..., 4, 3), metres."""
     l1, l2 = np.broadcast_arrays(np.asarray(width, float) / 2, np.asarray(height, float) / 2)
     zero = np.zeros_like(l1)

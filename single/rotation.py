@@ -1,15 +1,14 @@
 """Rotations as arrays: rotation vectors, quaternions and the paper's three angles, all in batches."""
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from quadrig.single.arrays import Floats
 
 # Below this angle (rad) the series of sin(x)/x and (1-cos x)/x^2 is exact to the last bit at two terms.
 _SMALL_ANGLE = 1e-4
 
 
-def cross_matrix(v: Array) -> Array:
+def cross_matrix(v: Floats) -> Floats:
     """Matrix [v]x with [v]x w = v x w. Shapes (..., 3) -> (..., 3, 3)."""
     v = np.asarray(v, float)
     result = np.zeros((*v.shape, 3))
@@ -19,7 +18,7 @@ def cross_matrix(v: Array) -> Array:
     return result
 
 
-def rotation_from_vector(vector: Array) -> Array:
+def rotation_from_vector(vector: Floats) -> Floats:
     """Rotation matrix of a rotation vector in radians (Rodrigues). Shapes (..., 3) -> (..., 3, 3)."""
     vector = np.asarray(vector, float)
     angle = np.linalg.norm(vector, axis=-1)[..., None, None]
@@ -32,7 +31,7 @@ def rotation_from_vector(vector: Array) -> Array:
     return np.eye(3) + sine * cross + versine * (cross @ cross)
 
 
-def vector_from_rotation(rotation: Array) -> Array:
+def vector_from_rotation(rotation: Floats) -> Floats:
     """Rotation vector, of angle at most pi, of a rotation matrix. Shapes (..., 3, 3) -> (..., 3).
 
     Goes through the quaternion, which stays exact near 0 and near pi where the trace does not.
@@ -46,7 +45,7 @@ def vector_from_rotation(rotation: Array) -> Array:
     return imaginary * scale
 
 
-def quaternion_from_rotation(rotation: Array) -> Array:
+def quaternion_from_rotation(rotation: Floats) -> Floats:
     """Unit quaternion in the order (x, y, z, w) with w >= 0. Shapes (..., 3, 3) -> (..., 4)."""
     r = np.asarray(rotation, float)
     xx, yy, zz = r[..., 0, 0], r[..., 1, 1], r[..., 2, 2]
@@ -77,7 +76,7 @@ def quaternion_from_rotation(rotation: Array) -> Array:
     return np.where(row[..., 3:] < 0, -row, row)
 
 
-def rotation_from_quaternion(quaternion: Array) -> Array:
+def rotation_from_quaternion(quaternion: Floats) -> Floats:
     """Rotation matrix of a quaternion (x, y, z, w) of any length but zero. Shapes (..., 4) -> (..., 3, 3)."""
     q = np.asarray(quaternion, float)
     q = q / np.linalg.norm(q, axis=-1, keepdims=True)
@@ -86,7 +85,7 @@ def rotation_from_quaternion(quaternion: Array) -> Array:
     return np.eye(3) + 2 * real * cross + 2 * (cross @ cross)
 
 
-def rotation_from_angles(theta_x: Array | float, theta_y: Array | float, theta_z: Array | float) -> Array:
+def rotation_from_angles(theta_x: Floats | float, theta_y: Floats | float, theta_z: Floats | float) -> Floats:
     """R = Rx(theta_x) Ry(theta_y) Rz(theta_z), the paper's Eq. 2; radians. Shapes (...) -> (..., 3, 3)."""
     theta_x, theta_y, theta_z = np.broadcast_arrays(*(np.asarray(a, float) for a in (theta_x, theta_y, theta_z)))
     zero = np.zeros_like(theta_x)
@@ -96,7 +95,7 @@ def rotation_from_angles(theta_x: Array | float, theta_y: Array | float, theta_z
     return r_x @ r_y @ r_z
 
 
-def angles_from_rotation(rotation: Array) -> tuple[Array, Array, Array]:
+def angles_from_rotation(rotation: Floats) -> tuple[Floats, Floats, Floats]:
     """The paper's (theta_x, theta_y, theta_z), radians, theta_y in [-pi/2, pi/2]. Shapes (..., 3, 3) -> (...)."""
     r = np.asarray(rotation, float)
     theta_y = np.arctan2(r[..., 0, 2], np.hypot(r[..., 0, 0], r[..., 0, 1]))
@@ -105,7 +104,7 @@ def angles_from_rotation(rotation: Array) -> tuple[Array, Array, Array]:
     return theta_x, theta_y, theta_z
 
 
-def nearest_rotation(matrix: Array) -> Array:
+def nearest_rotation(matrix: Floats) -> Floats:
     """The rotation nearest to a 3x3 matrix in the Frobenius norm (orthogonal Procrustes). Batched."""
     u, _, vt = np.linalg.svd(matrix)
     sign = np.sign(np.linalg.det(u @ vt))

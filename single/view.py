@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from quadrig.single.rotation import Array
+from quadrig.single.arrays import Floats
 
 
 @dataclass(frozen=True, eq=False)
@@ -17,15 +17,15 @@ class View:
     """
 
     rectangle: str
-    points: Array
-    pixels: Array
+    points: Floats
+    pixels: Floats
     camera: str = ""
     frameset: int = 0
-    alternatives: tuple[Array, ...] = ()
+    alternatives: tuple[Floats, ...] = ()
     sigma: float = 1.0
     time: float = float("nan")
 
     @property
-    def readings(self) -> tuple[Array, ...]:
+    def readings(self) -> tuple[Floats, ...]:
         """Every reading (P, 3) of the pixels, the likeliest first."""
         return (self.points, *self.alternatives)

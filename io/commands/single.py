@@ -8,12 +8,12 @@ import numpy as np
 import typer
 
 from quadrig.io.report.single import json_report, text_report
+from quadrig.single.arrays import Floats
 from quadrig.single.calibration import Distortion, calibrate_view
 from quadrig.single.detect.image_search import detect
 from quadrig.single.errors import QuadrigError
 from quadrig.single.marking import CharucoMarking, ChessboardMarking, Marking, PlainMarking, PointsMarking, TagMarking
 from quadrig.single.rectangle import PAPER_SIZES, Rectangle
-from quadrig.single.rotation import Array
 from quadrig.single.solve.corners import in_turn
 from quadrig.single.view import View
 
@@ -104,7 +104,7 @@ def single(
     print(report(image.name, rectangle, view, calibration, said))
 
 
-def read_picture(path: Path) -> Array:
+def read_picture(path: Path) -> Floats:
     """The picture (h, w, 3) uint8, blue green red, turned as its EXIF says. Raises QuadrigError where it is none."""
     if not path.is_file():
         raise QuadrigError(f"{path} is not there; give a picture")
@@ -222,7 +222,7 @@ def _rectangle(size: tuple[float, float] | None, marking: Marking) -> Rectangle:
     return Rectangle(name, *size, marking)
 
 
-def _found(picture: Array, rectangle: Rectangle, path: Path) -> View:
+def _found(picture: Floats, rectangle: Rectangle, path: Path) -> View:
     views = detect(picture, [rectangle])
     if not views:
         sought = {

@@ -14,9 +14,9 @@ from quadrig.io.recording.convert import image_writer
 from quadrig.io.whole_file import written_beside
 from quadrig.io.workers import run_tasks
 from quadrig.rig.result import Rig
+from quadrig.single.arrays import Floats
 from quadrig.single.pose import Pose
 from quadrig.single.render.picture import RayGrid, backdrop, ray_grid, render
-from quadrig.single.rotation import Array
 
 # What a usual industrial camera does to a picture: blur and noise of its lens and sensor, px and grey levels.
 _BLUR, _NOISE, _VIGNETTING, _EXPOSURE = 0.6, 1.5, 0.15, 1.25
@@ -82,7 +82,7 @@ def write_demo_recording(path: Path, scene: Scene, workers: int | None = None, p
         finish()
 
 
-def picture(camera: SceneCamera, scene: Scene, frameset: int) -> Array:
+def picture(camera: SceneCamera, scene: Scene, frameset: int) -> Floats:
     """What a camera of the scene takes in a frameset, uint8 (h, w, 3) blue green red."""
     grid, empty_room = _still(camera)
     return render(
@@ -136,7 +136,7 @@ def _compare(rig: Rig, name: str, truth: SceneCamera, rig_from_camera: Pose) -> 
     )
 
 
-def _holds(error: Array, covariance: Array) -> bool:
+def _holds(error: Floats, covariance: Floats) -> bool:
     return bool(error @ np.linalg.solve(covariance, error) < _BOUND[len(error)])
 
 
@@ -156,10 +156,10 @@ def _stamp(scene: Scene, camera: SceneCamera, frameset: int) -> int:
 
 
 # Rays and empty room of the cameras that this process renders; a camera is known by its lens and pose.
-_stills: dict[tuple[bytes, bytes], tuple[RayGrid, Array]] = {}
+_stills: dict[tuple[bytes, bytes], tuple[RayGrid, Floats]] = {}
 
 
-def _still(camera: SceneCamera) -> tuple[RayGrid, Array]:
+def _still(camera: SceneCamera) -> tuple[RayGrid, Floats]:
     """What does not change while a camera stands: its rays and the empty room as it sees it."""
     key = camera.intrinsics.parameters.tobytes(), camera.world_from_camera.matrix().tobytes()
     if key not in _stills:

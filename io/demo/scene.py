@@ -7,13 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from quadrig.single.arrays import Floats
 from quadrig.single.lens import Intrinsics
 from quadrig.single.marking import CharucoMarking, PlainMarking, TagMarking
 from quadrig.single.pose import Pose
 from quadrig.single.rectangle import Rectangle
 from quadrig.single.render.picture import Sheet
 from quadrig.single.render.room import Room
-from quadrig.single.rotation import Array
 
 WIDTH, HEIGHT = 1280, 720
 ROOM = Room(width=6.0, depth=6.0, height=2.8)
@@ -59,7 +59,7 @@ def demo_scene(framesets: int = 24) -> Scene:
     return Scene(_cameras(), _static_sheets(), _board(), _board_path(framesets), (_table(),))
 
 
-def looking(position: Array, direction: Array, up: Array = _UP) -> Pose:
+def looking(position: Floats, direction: Floats, up: Floats = _UP) -> Pose:
     """Pose world_from_x at a position (3,) m with z along `direction` and y away from `up`: of a camera that looks
     there, or of a sheet that is read while one looks there."""
     z = np.asarray(direction, float) / np.linalg.norm(direction)
@@ -112,12 +112,12 @@ def _static_sheets() -> tuple[Sheet, ...]:
     return tuple(sheets)
 
 
-def _tag_sheet(name: str, tag: int, size: float, position: Array, direction: Array, up: Array) -> Sheet:
+def _tag_sheet(name: str, tag: int, size: float, position: Floats, direction: Floats, up: Floats) -> Sheet:
     rectangle = Rectangle(name, size, size, TagMarking(_DICTIONARY, tag))
     return Sheet(rectangle, looking(position, direction, up))
 
 
-def _heading(degrees: float) -> Array:
+def _heading(degrees: float) -> Floats:
     angle = np.radians(degrees)
     return np.array([np.sin(angle), np.cos(angle), 0.0])
 

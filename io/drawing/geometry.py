@@ -7,12 +7,12 @@ from functools import lru_cache
 import numpy as np
 
 from quadrig.rig.result import PlacedRectangle, Rig
-from quadrig.single.rotation import Array
+from quadrig.single.arrays import Floats
 
 RING = [0, 1, 2, 3, 0]
 
 
-def up_direction(rig: Rig) -> Array:
+def up_direction(rig: Rig) -> Floats:
     """Up (3,) in the rig frame, as far as the cameras tell: people mount them with the sky at the top of the picture.
 
     Cameras that look straight down say nothing; where none says anything, up is against the mean gaze.
@@ -27,19 +27,19 @@ def up_direction(rig: Rig) -> Array:
     return -gaze / size if size > 1 / 3 else np.array([0.0, -1.0, 0.0])
 
 
-def outlines(placed: PlacedRectangle) -> Array:
+def outlines(placed: PlacedRectangle) -> Floats:
     """Closed outlines (F, 5, 3) in the rig frame, F = 1 for a static rectangle."""
     pose = placed.rig_from_rect
     batch = pose if pose.translation.ndim == 2 else pose[None]
     return batch[:, None].transform(placed.rectangle.corners[RING])
 
 
-def positions(rig: Rig) -> Array:
+def positions(rig: Rig) -> Floats:
     """Camera positions (C, 3) in the rig frame."""
     return np.array([camera.rig_from_camera.translation for camera in rig.cameras]).reshape(-1, 3)
 
 
-def bounds(rig: Rig) -> tuple[Array, Array]:
+def bounds(rig: Rig) -> tuple[Floats, Floats]:
     """Lowest and highest coordinates (3,) of cameras and rectangles."""
     places = [positions(rig), *(outlines(placed).reshape(-1, 3) for placed in rig.rectangles)]
     every = np.concatenate(places)
@@ -54,7 +54,7 @@ def extent(rig: Rig) -> float:
     return float(max(np.linalg.norm(high - low), 0.01))
 
 
-def ellipsoid(covariance: Array) -> tuple[Array, Array]:
+def ellipsoid(covariance: Floats) -> tuple[Floats, Floats]:
     """Half sizes (3,) of one sigma and axes (3, 3), right-handed columns, of a covariance of a position (3, 3)."""
     variances, axes = np.linalg.eigh(covariance)
     axes = axes * np.sign(np.linalg.det(axes))
@@ -76,7 +76,7 @@ def round_down(factor: float) -> float:
     return float(step * next(digit for digit in (5, 2, 1) if digit * step <= factor))
 
 
-def level_axes(rig: Rig) -> Array:
+def level_axes(rig: Rig) -> Floats:
     """Rows right, ahead and up (3, 3) of a level view of the rig: ahead is where the cameras look on the whole."""
     up = up_direction(rig)
     gaze = np.mean([camera.rig_from_camera.rotation[:, 2] for camera in rig.cameras], axis=0)
@@ -91,11 +91,11 @@ def level_axes(rig: Rig) -> Array:
 class Eye:
     """From where a rig is looked at first: position, what lies in the middle of the view, and up, each (3,)."""
 
-    position: Array
-    target: Array
-    up: Array
+    position: Floats
+    target: Floats
+    up: Floats
 
-    def look(self, points: Array) -> Array:
+    def look(self, points: Floats) -> Floats:
         """Tangents (N, 2) to the right and up, and depths: (N, 3) of points (N, 3)."""
         ahead = (self.target - self.position) / np.linalg.norm(self.target - self.position)
         right = np.cross(ahead, self.up)
@@ -117,14 +117,14 @@ def first_eye(rig: Rig) -> Eye:
 _LETTER, _MARGIN, _LINE = 0.019, 0.045, 0.06
 
 
-def apart(eye: Eye, names: Sequence[str], anchors: Array) -> Array:
+def apart(eye: Eye, names: Sequence[str], anchors: Floats) -> Floats:
     """Places (N, 3) for names at anchors (N, 3): each stays or goes up until it is clear of those before it."""
     looks = eye.look(anchors)
     rise = rises(looks[:, :2], names, _LETTER, _MARGIN, _LINE)
     return (anchors + (rise * looks[:, 2])[:, None] * eye.up).reshape(-1, 3)
 
 
-def rises(places: Array, names: Sequence[str], letter: float, margin: float, line: float) -> Array:
+def rises(places: Floats, names: Sequence[str], letter: float, margin: float, line: float) -> Floats:
     """How far up (N,) each name goes from its place (N, 2), y upwards, to be clear of those before it.
 
     letter: width of a letter; margin: of the rest; line: height of a name; all in the units of the places.

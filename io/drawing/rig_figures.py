@@ -10,7 +10,7 @@ from quadrig.io.drawing.geometry import (
 from quadrig.rig.doubt.disagreement import Disagreement, disagreements
 from quadrig.rig.doubt.residual_field import ResidualField
 from quadrig.rig.result import Camera, Rig, ViewFit, placed_pose
-from quadrig.single.rotation import Array
+from quadrig.single.arrays import Floats
 
 _SIDE_POINTS = 12
 # Residual arrows are drawn so much longer that a usual one is this share of the picture's width.
@@ -26,14 +26,14 @@ def arrow_scale(rig: Rig, camera: Camera) -> float:
     return max(round_down(_ARROW * camera.intrinsics.width / usual), 1.0)
 
 
-def residual_arrows(rig: Rig, camera: Camera, residuals: Array) -> Array:
+def residual_arrows(rig: Rig, camera: Camera, residuals: Floats) -> Floats:
     """Residuals (P, 2) px, as long as they are drawn."""
     arrows = arrow_scale(rig, camera) * residuals
     length = np.linalg.norm(arrows, axis=1, keepdims=True)
     return arrows * np.minimum(1.0, _LONGEST_ARROW * camera.intrinsics.width / np.maximum(length, 1e-12))
 
 
-def predicted_outline(rig: Rig, camera: Camera, fit: ViewFit) -> Array | None:
+def predicted_outline(rig: Rig, camera: Camera, fit: ViewFit) -> Floats | None:
     """Where the rig says the rectangle's outline lies in the picture (P, 2) px; None where part is out of sight."""
     pose = placed_pose(rig, fit.view.rectangle, fit.view.frameset)
     rectangle = next((placed.rectangle for placed in rig.rectangles if placed.name == fit.view.rectangle), None)
@@ -79,7 +79,7 @@ def edge_widths(information: Sequence[float]) -> list[float]:
     return np.clip(5 + 4 * (size - size.max()) / 3, 1, 5).tolist()
 
 
-def residual_histogram(field: ResidualField) -> tuple[Array, Array]:
+def residual_histogram(field: ResidualField) -> tuple[Floats, Floats]:
     """Counts (B,) of residual lengths and the edges (B+1,) px of their bins; the longest share the last one."""
     lengths = field.lengths
     # Beyond three times the 90th percentile are outliers: they share the last bin and do not squash the rest.

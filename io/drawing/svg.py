@@ -9,7 +9,7 @@ from html import escape
 
 import numpy as np
 
-from quadrig.single.rotation import Array
+from quadrig.single.arrays import Floats
 
 _LEFT, _RIGHT, _TOP, _BOTTOM = 54, 10, 8, 30
 # A letter's width and a line's height of the page's 11 px text.
@@ -48,7 +48,7 @@ class Plot:
             self.x, self.y = _grown(self.x, unit * inner[0]), _grown(self.y, unit * needed)
             self.height = round(needed) + _TOP + _BOTTOM
 
-    def place(self, points: Array) -> Array:
+    def place(self, points: Floats) -> Floats:
         """Places (..., 2) in the picture of points (..., 2) in data coordinates."""
         points = np.asarray(points, float)
         across = (points[..., 0] - self.x[0]) / (self.x[1] - self.x[0])
@@ -57,7 +57,7 @@ class Plot:
         down = up if self.down else 1 - up
         return np.stack([_LEFT + across * inner_width, _TOP + down * inner_height], axis=-1)
 
-    def line(self, points: Array, colour: str, width: float = 1.5, closed: bool = False, fill: str = "none") -> None:
+    def line(self, points: Floats, colour: str, width: float = 1.5, closed: bool = False, fill: str = "none") -> None:
         """A line through points (N, 2)."""
         shape = "polygon" if closed else "polyline"
         places = " ".join(f"{x:.1f},{y:.1f}" for x, y in self.place(points))
@@ -66,13 +66,13 @@ class Plot:
             'stroke-linejoin="round"/>'
         )
 
-    def segments(self, starts: Array, ends: Array, colour: str, width: float = 0.8) -> None:
+    def segments(self, starts: Floats, ends: Floats, colour: str, width: float = 0.8) -> None:
         """Many short lines from starts (N, 2) to ends (N, 2), as one path."""
         pairs = zip(self.place(starts), self.place(ends), strict=True)
         path = "".join(f"M{a[0]:.1f} {a[1]:.1f}L{b[0]:.1f} {b[1]:.1f}" for a, b in pairs)
         self.parts.append(f'<path d="{path}" stroke="{colour}" stroke-width="{width}" fill="none"/>')
 
-    def dots(self, points: Array, colour: str, radius: float = 3) -> None:
+    def dots(self, points: Floats, colour: str, radius: float = 3) -> None:
         """Round marks at points (N, 2)."""
         self.parts += [
             f'<circle cx="{x:.1f}" cy="{y:.1f}" r="{radius}" fill="{colour}"/>' for x, y in self.place(points)

@@ -8,8 +8,8 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 
 from quadrig.rig.result import Camera, Rig
+from quadrig.single.arrays import Floats
 from quadrig.single.pose import Pose
-from quadrig.single.rotation import Array
 
 
 def ros_files(rig: Rig) -> dict[str, str]:
@@ -49,7 +49,7 @@ def urdf_files(rig: Rig) -> dict[str, str]:
     return {"rig.urdf": "\n".join([*lines, "</robot>", ""])}
 
 
-def roll_pitch_yaw(rotation: Array) -> tuple[float, float, float]:
+def roll_pitch_yaw(rotation: Floats) -> tuple[float, float, float]:
     """URDF's angles, rad, of a rotation (3, 3) = Rz(yaw) Ry(pitch) Rx(roll); roll is zero where pitch is upright."""
     r = np.asarray(rotation, float)
     upright = np.hypot(r[0, 0], r[1, 0])
@@ -91,7 +91,7 @@ def _camera_info(camera: Camera) -> str:
     )
 
 
-def _matrix(name: str, values: Array) -> list[str]:
+def _matrix(name: str, values: Floats) -> list[str]:
     rows, columns = values.shape
     data = ", ".join(repr(value) for value in values.ravel().tolist())
     return [f"{name}:", f"  rows: {rows}", f"  cols: {columns}", f"  data: [{data}]"]

@@ -9,8 +9,8 @@ from quadrig.rig.coach.capture_faults import blur_fault, exposure_fault, held_st
 from quadrig.rig.coach.edge_width import view_edge_widths
 from quadrig.rig.coach.fault import Fault
 from quadrig.rig.coach.novelty import FASTEST, Key, Places, displaced, news, outlines_of, speed
+from quadrig.single.arrays import Floats
 from quadrig.single.rectangle import Rectangle
-from quadrig.single.rotation import Array
 from quadrig.single.view import View
 
 # After so many seconds without anything kept, a sheet that moves up to three times too fast is taken as well: a
@@ -38,8 +38,8 @@ class Keeper:
         self.views: list[View] = []
         self.framesets = 0
         self._places = Places()
-        self._before: tuple[int, dict[Key, Array]] = (0, {})
-        self._pending: tuple[int, int, dict[Key, Array], list[Future]] | None = None
+        self._before: tuple[int, dict[Key, Floats]] = (0, {})
+        self._pending: tuple[int, int, dict[Key, Floats], list[Future]] | None = None
         # s, of the frames' own clock: files that are played quicker than they were taken tell the same story.
         self._now: float | None = None
         self._kept_at = self._news_at = 0.0

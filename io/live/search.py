@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 
 from quadrig.io.live.frame import Frame, Picture
+from quadrig.single.arrays import Floats
 from quadrig.single.detect.charuco import detect_charuco
 from quadrig.single.detect.dictionaries import canonical_dictionary
 from quadrig.single.detect.image_search import check_rectangles, detect
@@ -20,7 +21,6 @@ from quadrig.single.detect.tag import detect_tags, find_tags
 from quadrig.single.detect.tag_ids import known_tags
 from quadrig.single.marking import CharucoMarking, TagMarking, charuco_tag_squares
 from quadrig.single.rectangle import Rectangle, rectangle_corners
-from quadrig.single.rotation import Array
 from quadrig.single.view import View
 
 # Of so many frames of a camera one is searched thoroughly: blurred and badly lit tags show up now and then.
@@ -36,7 +36,7 @@ _LEAST_BOARD_TAGS = 2
 _EQ4_FROM_OPENCV = [2, 3, 0, 1]
 
 Family = tuple[str, bool]
-FoundTags = dict[Family, dict[int, list[Array]]]
+FoundTags = dict[Family, dict[int, list[Floats]]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,7 +105,7 @@ class LiveSearch:
 
     def _tags_in(
         self, grey: Picture, half: Picture, family: Family, memory: _Memory, thorough: bool
-    ) -> dict[int, list[Array]]:
+    ) -> dict[int, list[Floats]]:
         """Rough corners by id: of all that can be found, or quickly, at the size that did for them last time."""
         if thorough:
             found = self._tags(grey, family, thorough=True)
@@ -115,7 +115,7 @@ class LiveSearch:
             return _doubled(small)
         return self._tags(grey, family)
 
-    def _tags(self, grey: Picture, family: Family, thorough: bool = False) -> dict[int, list[Array]]:
+    def _tags(self, grey: Picture, family: Family, thorough: bool = False) -> dict[int, list[Floats]]:
         ids = [frozenset(tag for _, tag in known_tags([rectangle])) for rectangle in self._families[family]]
         wanted, boards = frozenset().union(*ids), [board for board in ids if len(board) > 1]
         return find_tags(_polarised(grey, family), family[0], wanted, boards, quick=not thorough)
@@ -132,12 +132,12 @@ class LiveSearch:
         return views
 
 
-def _doubled(found: dict[int, list[Array]]) -> dict[int, list[Array]]:
+def _doubled(found: dict[int, list[Floats]]) -> dict[int, list[Floats]]:
     """Corners in a picture at half size in the pixels of the whole one, whose first pixel covers two by two."""
     return {tag: [2 * quad + 0.5 for quad in quads] for tag, quads in found.items()}
 
 
-def _rough_view(rectangle: Rectangle, found: dict[int, list[Array]]) -> View | None:
+def _rough_view(rectangle: Rectangle, found: dict[int, list[Floats]]) -> View | None:
     """A View of the corners of a rectangle's tags as the search found them."""
     marking = rectangle.marking
     if isinstance(marking, TagMarking):
@@ -178,7 +178,7 @@ def _named(views: Sequence[View], camera: str, frameset: int) -> tuple[View, ...
     return tuple(replace(view, camera=camera, frameset=frameset) for view in views)
 
 
-def _window(grey: Picture, view: View) -> tuple[Picture, Array]:
+def _window(grey: Picture, view: View) -> tuple[Picture, Floats]:
     """The part of the picture in which the rectangle of a View will be in the next frame, and its first pixel."""
     low, high = view.pixels.min(0), view.pixels.max(0)
     # A board's corners stand a square inside of it.

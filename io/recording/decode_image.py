@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from quadrig.io.recording.image_message import Payload
-from quadrig.single.rotation import Array
+from quadrig.single.arrays import Floats
 
 # Channels, bytes of a sample, and OpenCV's conversions to grey and to BGR (None: leave as it is).
 _PACKED = {
@@ -57,7 +57,7 @@ def is_depth(encoding: str) -> bool:
     return any(word in encoding.lower() for word in _DEPTH)
 
 
-def decode_image(payload: Payload, gray: bool = True, shrink: int = 1) -> Array:
+def decode_image(payload: Payload, gray: bool = True, shrink: int = 1) -> Floats:
     """The image (H, W) uint8, or (H, W, 3) uint8 in BGR where not gray, at 1/shrink of its size (1, 2, 4 or 8).
 
     Raises UndecodableImage.
@@ -71,7 +71,7 @@ def decode_image(payload: Payload, gray: bool = True, shrink: int = 1) -> Array:
         raise UndecodableImage(f"{len(payload.data)} bytes are no {size} image") from error
 
 
-def decode_file(data: bytes, gray: bool = True, shrink: int = 1) -> Array:
+def decode_file(data: bytes, gray: bool = True, shrink: int = 1) -> Floats:
     """The image of the bytes of a JPEG, PNG, WebP, TIFF, PGM... file, as decode_image gives it.
 
     A JPEG is shrunk while it is decoded, which saves most of the work.
@@ -86,7 +86,7 @@ def decode_file(data: bytes, gray: bool = True, shrink: int = 1) -> Array:
     return _eight_bits(image)
 
 
-def shrunk(image: Array, shrink: int) -> Array:
+def shrunk(image: Floats, shrink: int) -> Floats:
     """The image at 1/shrink of its size, each pixel the mean of those it stands for."""
     if shrink == 1:
         return image
@@ -94,7 +94,7 @@ def shrunk(image: Array, shrink: int) -> Array:
     return cv2.resize(image, size, interpolation=cv2.INTER_AREA)
 
 
-def _decode_raw(payload: Payload, gray: bool) -> Array:
+def _decode_raw(payload: Payload, gray: bool) -> Floats:
     encoding = _SAME_AS.get(payload.encoding, payload.encoding)
     if encoding in _PLANAR:
         to_gray, to_bgr = _PLANAR[encoding]
@@ -115,7 +115,7 @@ def _decode_raw(payload: Payload, gray: bool) -> Array:
     return np.ascontiguousarray(image) if conversion is None else cv2.cvtColor(image, conversion)
 
 
-def _rows(payload: Payload, rows: int, row_bytes: int) -> Array:
+def _rows(payload: Payload, rows: int, row_bytes: int) -> Floats:
     """(rows, row_bytes) uint8 without the padding at the end of each row."""
     step = payload.step if payload.step >= row_bytes else row_bytes
     flat = np.frombuffer(payload.data, np.uint8)
@@ -126,7 +126,7 @@ def _rows(payload: Payload, rows: int, row_bytes: int) -> Array:
     return np.ascontiguousarray(flat[: rows * step].reshape(rows, step)[:, :row_bytes])
 
 
-def _eight_bits(image: Array) -> Array:
+def _eight_bits(image: Floats) -> Floats:
     """The upper eight of the bits in use: sensors put 10, 12 or 14 of them into sixteen."""
     if image.dtype == np.uint8:
         return image

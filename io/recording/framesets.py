@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from quadrig.io.recording.recorded_cameras import Recording
+from quadrig.single.arrays import Floats
 from quadrig.single.errors import QuadrigError
-from quadrig.single.rotation import Array
 
 NO_FRAME = -1
 """In Framesets.frames: this camera has no image of this instant."""
@@ -35,19 +35,19 @@ class Framesets:
     """
 
     cameras: tuple[str, ...]
-    times: Array
-    frames: Array
+    times: Floats
+    frames: Floats
     tolerance: float
     report: tuple[CameraReport, ...]
 
     def __len__(self) -> int:
         return len(self.times)
 
-    def sizes(self) -> Array:
+    def sizes(self) -> Floats:
         """How many cameras each frameset has (S,)."""
         return np.count_nonzero(self.frames != NO_FRAME, axis=1)
 
-    def of_camera(self, camera: str) -> tuple[Array, Array]:
+    def of_camera(self, camera: str) -> tuple[Floats, Floats]:
         """Indices of the framesets that have an image of this camera, and of those images, by rising image."""
         column = self.frames[:, self.cameras.index(camera)]
         framesets = np.flatnonzero(column != NO_FRAME)
@@ -80,7 +80,7 @@ def build_framesets(recording: Recording, tolerance: float | None = None, quick:
     return Framesets(names, times, frames, limit / 1e9, tuple(report))
 
 
-def match_stamps(stamps: list[Array], tolerance: int) -> tuple[Array, Array]:
+def match_stamps(stamps: list[Floats], tolerance: int) -> tuple[Floats, Floats]:
     """Times (S,) and frames (S, C) of the instants of cameras with these stamps (F_c,) int64 ns.
 
     The camera with the most images sets the instants, so that a slower one joins every second or third of them;
@@ -102,7 +102,7 @@ def match_stamps(stamps: list[Array], tolerance: int) -> tuple[Array, Array]:
     return times, frames
 
 
-def _nearest_pairs(times: Array, stamps: Array, tolerance: int) -> tuple[Array, Array]:
+def _nearest_pairs(times: Floats, stamps: Floats, tolerance: int) -> tuple[Floats, Floats]:
     """Pairs (instant, image) that are each other's nearest and within the tolerance. times rise."""
     if len(times) == 0 or len(stamps) == 0:
         return np.zeros(0, int), np.zeros(0, int)
@@ -116,7 +116,7 @@ def _nearest_pairs(times: Array, stamps: Array, tolerance: int) -> tuple[Array, 
     return nearest[images], images
 
 
-def _nearest(times: Array, stamps: Array) -> Array:
+def _nearest(times: Floats, stamps: Floats) -> Floats:
     """Index of the nearest of the rising times to each stamp."""
     after = np.clip(np.searchsorted(times, stamps), 1, max(len(times) - 1, 1))
     before = after - 1
@@ -124,7 +124,7 @@ def _nearest(times: Array, stamps: Array) -> Array:
     return np.where(np.abs(times[after] - stamps) < np.abs(times[before] - stamps), after, before)
 
 
-def _own_tolerance(stamps: list[Array]) -> int:
+def _own_tolerance(stamps: list[Floats]) -> int:
     """Half the median interval of the camera with the most images, ns: farther off, its next image is nearer."""
     fullest = np.sort(max(stamps, key=len))
     intervals = np.diff(fullest)

@@ -13,7 +13,7 @@ import numpy as np
 from quadrig.io.recording.decode_image import decode_image
 from quadrig.io.recording.image_message import STAMP_BYTES, Payload, read_payload, read_stamp, stamp_of_whole
 from quadrig.io.recording.mcap_reader import McapBytes, TopicMessages
-from quadrig.single.rotation import Array
+from quadrig.single.arrays import Floats
 
 
 class ImageSource(Protocol):
@@ -29,31 +29,31 @@ class ImageSource(Protocol):
         """How the images are stored: jpeg, png, bgr8, h264..."""
         ...
 
-    def stamps(self) -> Array:
+    def stamps(self) -> Floats:
         """Time of each image (N,) int64 ns: the message's own stamp, else the time of its recording."""
         ...
 
-    def quick_stamps(self) -> Array:
+    def quick_stamps(self) -> Floats:
         """As stamps, but of what needs no reading of the images: the time of recording may have to do."""
         ...
 
-    def part(self, indices: Array) -> "ImageSource":
+    def part(self, indices: Floats) -> "ImageSource":
         """The images of these rising indices alone."""
         ...
 
-    def images(self, gray: bool = True, shrink: int = 1) -> Iterator[Array | None]:
+    def images(self, gray: bool = True, shrink: int = 1) -> Iterator[Floats | None]:
         """Every image (H, W) or (H, W, 3) BGR uint8 in turn, one in memory at a time; None where it is unreadable.
 
         shrink: at 1/2, 1/4 or 1/8 of its size, for a quick look.
         """
         ...
 
-    def batches(self, indices: Array, size: int) -> list[Array]:
+    def batches(self, indices: Floats, size: int) -> list[Floats]:
         """Split rising indices into parts of about `size`, where the images can be entered well."""
         ...
 
 
-def even_batches(indices: Array, size: int) -> list[Array]:
+def even_batches(indices: Floats, size: int) -> list[Floats]:
     """Parts of `size` indices."""
     return [indices[start : start + size] for start in range(0, len(indices), size)]
 
@@ -66,8 +66,8 @@ class McapMessages:
     """
 
     topics: tuple[TopicMessages, ...]
-    files: Array
-    messages: Array
+    files: Floats
+    messages: Floats
 
     @staticmethod
     def of(topics: Sequence[TopicMessages]) -> "McapMessages":
@@ -90,7 +90,7 @@ class McapMessages:
         """The name of the messages' schema."""
         return self.topics[0].schema
 
-    def part(self, indices: Array) -> "McapMessages":
+    def part(self, indices: Floats) -> "McapMessages":
         """The messages of these indices alone."""
         files, messages = self.files[indices], self.messages[indices]
         topics = []
@@ -110,11 +110,11 @@ class McapMessages:
         """The image of a message. Raises ValueError where the bytes are not such a message."""
         return read_payload(self.message_encoding, self.schema, self.data(index))
 
-    def stamps(self) -> Array:
+    def stamps(self) -> Floats:
         """Time of each message (N,) int64 ns: its own stamp, or its log time where that is unset."""
         return np.array([self._stamp(index) for index in range(len(self))], np.int64)
 
-    def quick_stamps(self) -> Array:
+    def quick_stamps(self) -> Floats:
         """Log time of each message (N,) int64 ns."""
         log_times = np.zeros(len(self), np.int64)
         for k, topic in enumerate(self.topics):
@@ -142,19 +142,19 @@ class McapImages:
     def __len__(self) -> int:
         return len(self.messages)
 
-    def stamps(self) -> Array:
+    def stamps(self) -> Floats:
         """As ImageSource has it."""
         return self.messages.stamps()
 
-    def quick_stamps(self) -> Array:
+    def quick_stamps(self) -> Floats:
         """As ImageSource has it."""
         return self.messages.quick_stamps()
 
-    def part(self, indices: Array) -> "McapImages":
+    def part(self, indices: Floats) -> "McapImages":
         """As ImageSource has it."""
         return McapImages(self.messages.part(indices), self.encoding)
 
-    def images(self, gray: bool = True, shrink: int = 1) -> Iterator[Array | None]:
+    def images(self, gray: bool = True, shrink: int = 1) -> Iterator[Floats | None]:
         """As ImageSource has it."""
         for index in range(len(self)):
             try:
@@ -162,7 +162,7 @@ class McapImages:
             except (ValueError, AttributeError, struct.error):
                 yield None
 
-    def batches(self, indices: Array, size: int) -> list[Array]:
+    def batches(self, indices: Floats, size: int) -> list[Floats]:
         """As ImageSource has it."""
         return even_batches(indices, size)
 

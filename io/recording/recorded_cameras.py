@@ -14,9 +14,9 @@ from quadrig.io.recording.image_message import holds_images, holds_lenses, holds
 from quadrig.io.recording.image_source import ImageSource, McapImages, McapMessages
 from quadrig.io.recording.mcap_reader import McapIndex, TopicMessages, index_mcap
 from quadrig.io.recording.video import VIDEO_SUFFIXES, McapVideo, read_video
+from quadrig.single.arrays import Floats
 from quadrig.single.errors import QuadrigError
 from quadrig.single.lens import Intrinsics
-from quadrig.single.rotation import Array
 
 _NAME_WORDS = ("image_raw", "image", "compressed", "camera_info")
 # A broken first image or two happen when a recording is started; more in a row are no stream of images.
@@ -49,7 +49,7 @@ class RecordedCamera:
         return self.source.encoding
 
     @cached_property
-    def stamps(self) -> Array:
+    def stamps(self) -> Floats:
         """Time of each image (F,) int64 ns."""
         return self.source.stamps()
 
@@ -76,7 +76,7 @@ class Recording:
                 return camera
         raise KeyError(name)
 
-    def frame(self, camera: str, index: int, gray: bool = False) -> Array:
+    def frame(self, camera: str, index: int, gray: bool = False) -> Floats:
         """One image, (H, W, 3) BGR or (H, W) grey uint8. Raises QuadrigError where it cannot be read."""
         image = next(self.camera(camera).source.part(np.array([index])).images(gray), None)
         if image is None:

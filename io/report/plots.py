@@ -12,7 +12,7 @@ from quadrig.rig.doubt.disagreement import disagreements
 from quadrig.rig.doubt.residual_field import COLUMNS, ROWS, residual_field
 from quadrig.rig.doubt.verdict import contradiction_limit
 from quadrig.rig.result import Camera, Rig
-from quadrig.single.rotation import Array
+from quadrig.single.arrays import Floats
 
 # A report shows a share of very many residuals: 1500 arrows fill a picture, and its file stays small.
 _MOST_ARROWS = 1500
@@ -41,7 +41,7 @@ def level_view(rig: Rig, rows: tuple[int, int], title: str, labels: tuple[str, s
     return plot.svg(title)
 
 
-def _draw_camera(plot: Plot, rig: Rig, camera: Camera, colour: Colour, axes: Array) -> None:
+def _draw_camera(plot: Plot, rig: Rig, camera: Camera, colour: Colour, axes: Floats) -> None:
     lens, pose = camera.intrinsics, camera.rig_from_camera
     size = 0.09 * extent(rig)
     sides = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * [lens.width / 2, lens.height / 2] / lens.focal

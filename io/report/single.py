@@ -5,9 +5,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from quadrig.single.arrays import Floats
 from quadrig.single.calibration import Calibration
 from quadrig.single.rectangle import Rectangle
-from quadrig.single.rotation import Array, angles_from_rotation
+from quadrig.single.rotation import angles_from_rotation
 from quadrig.single.solve.cramer_rao import paper_sigmas
 from quadrig.single.solve.focal_advice import percent, view_tilt
 from quadrig.single.view import View
@@ -106,7 +107,7 @@ def _tilt(calibration: Calibration) -> float:
     return float(np.degrees(view_tilt(calibration.cam_from_rects[0])))
 
 
-def _list(values: Array, digits: int) -> str:
+def _list(values: Floats, digits: int) -> str:
     return ", ".join(f"{value:.{digits}f}" for value in values)
 
 

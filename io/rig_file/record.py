@@ -12,12 +12,12 @@ import msgspec
 import numpy as np
 
 from quadrig.rig.result import Camera, PlacedRectangle, Rig, ViewFit
+from quadrig.single.arrays import Floats
 from quadrig.single.errors import QuadrigError
 from quadrig.single.lens import Intrinsics, LensModel
 from quadrig.single.marking import CharucoMarking, ChessboardMarking, Marking, PlainMarking, PointsMarking, TagMarking
 from quadrig.single.pose import Pose
 from quadrig.single.rectangle import Rectangle
-from quadrig.single.rotation import Array
 from quadrig.single.view import View
 
 RECORD_FORMAT = 1
@@ -286,12 +286,12 @@ def _float(held: Number) -> float:
     return float("nan") if held is None else float(held)
 
 
-def _listed(values: Array) -> list:
+def _listed(values: Floats) -> list:
     values = np.asarray(values, float)
     if np.isfinite(values).all():
         return values.tolist()
     return np.array([_number(value) for value in values.ravel()], object).reshape(values.shape).tolist()
 
 
-def _array(held: list) -> Array:
+def _array(held: list) -> Floats:
     return np.array(held, float)

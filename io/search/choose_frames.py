@@ -13,7 +13,7 @@ from quadrig.io.recording.image_source import ImageSource
 from quadrig.io.recording.recorded_cameras import Recording
 from quadrig.io.workers import run_tasks
 from quadrig.rig.coach.select_frames import Looks, choose_framesets
-from quadrig.single.rotation import Array
+from quadrig.single.arrays import Floats
 
 # A JPEG shrinks to a quarter while it is decoded, in a third of the time; motion and focus still show.
 _SHRINK = 4
@@ -27,7 +27,7 @@ _SMALL_SHARE, _MANY = 0.2, 100
 @dataclass(frozen=True, eq=False)
 class _Batch:
     camera: int
-    images: Array
+    images: Floats
     source: ImageSource
 
 
@@ -81,7 +81,7 @@ def look_at(
     return Looks(thumbnails, sharpness)
 
 
-def _look(batch: _Batch) -> tuple[Array, Array]:
+def _look(batch: _Batch) -> tuple[Floats, Floats]:
     """Thumbnails (N, h, w) and sharpness (N,) of the images of a batch; nan where they are unreadable."""
     small = np.full((len(batch.images), _SIZE[1], _SIZE[0]), np.nan, np.float32)
     sharp = np.full(len(batch.images), np.nan)

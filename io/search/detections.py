@@ -15,9 +15,9 @@ from quadrig.io.recording.image_source import ImageSource
 from quadrig.io.recording.recorded_cameras import Recording
 from quadrig.io.search.detection_file import Found, camera_key, keep_detections, read_detections
 from quadrig.io.workers import run_tasks
+from quadrig.single.arrays import Floats
 from quadrig.single.detect.image_search import detect
 from quadrig.single.rectangle import Rectangle
-from quadrig.single.rotation import Array
 from quadrig.single.view import View
 
 # Images of one task: about a second of work, so that the bar moves and an interrupted run loses little; the first
@@ -43,7 +43,7 @@ class Detections:
 @dataclass(frozen=True, eq=False)
 class _Batch:
     camera: str
-    images: Array
+    images: Floats
     source: ImageSource
     rectangles: tuple[Rectangle, ...]
 
@@ -90,7 +90,7 @@ def find_detections(
 
 
 def search_images(
-    source: ImageSource, images: Array, rectangles: Sequence[Rectangle]
+    source: ImageSource, images: Floats, rectangles: Sequence[Rectangle]
 ) -> list[tuple[View, ...] | None]:
     """The Views of each image of a source, whose indices in the recording are given; None where it is unreadable.
 

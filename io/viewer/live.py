@@ -20,10 +20,10 @@ from quadrig.io.viewer.banner import banner
 from quadrig.io.viewer.process import Viewer
 from quadrig.rig.result import Camera, Rig
 from quadrig.rig.words import millimetres
+from quadrig.single.arrays import Floats
 from quadrig.single.errors import QuadrigError
 from quadrig.single.pose import Pose
 from quadrig.single.rectangle import Rectangle
-from quadrig.single.rotation import Array
 from quadrig.single.view import View
 
 _GHOST, _SHEET = (90, 220, 120), (200, 190, 150)
@@ -135,7 +135,7 @@ class RerunScreen:
         image = self._rr.EncodedImage(contents=frame.preview(shrink), media_type="image/jpeg")
         self._recording.log(f"cameras/{frame.camera}/image", image)
 
-    def _shown(self, camera: str, pixels: Array) -> Array:
+    def _shown(self, camera: str, pixels: Floats) -> Floats:
         """Where pixels of the camera's picture are in the smaller one that is shown."""
         return (pixels + 0.5) / self._shrinks.get(camera, 1) - 0.5
 
@@ -232,7 +232,7 @@ class RerunScreen:
         )
         self._log_ghost_in_pictures(state, corners)
 
-    def _log_ghost_in_pictures(self, state: SetupState, corners: Array) -> None:
+    def _log_ghost_in_pictures(self, state: SetupState, corners: Floats) -> None:
         rr = self._rr
         placed = {camera.name: camera for camera in state.rig.cameras} if state.rig else {}
         for name in self._cameras:
@@ -304,7 +304,7 @@ def layout(cameras: Sequence[str]) -> Any:
     )
 
 
-def _hull(pixels: Array) -> Array:
+def _hull(pixels: Floats) -> Floats:
     """The outline of points: the points themselves where they are four corners, else their hull."""
     import cv2
 

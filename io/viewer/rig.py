@@ -34,8 +34,8 @@ from quadrig.rig.doubt.disagreement import disagreements
 from quadrig.rig.doubt.residual_field import ResidualField, residual_field
 from quadrig.rig.doubt.verdict import contradiction_limit
 from quadrig.rig.result import Camera, PlacedRectangle, Rig, ViewFit, placed_pose
+from quadrig.single.arrays import Floats
 from quadrig.single.pose import Pose
-from quadrig.single.rotation import Array
 
 
 def log_rig(recording: Any, rig: Rig, times: Sequence[int] = ()) -> None:
@@ -151,7 +151,7 @@ def _log_rectangle(recording: Any, rig: Rig, placed: PlacedRectangle, times: Seq
     recording.reset_time()
 
 
-def _outline(ring: Array, colour: Colour, radius: float) -> Any:
+def _outline(ring: Floats, colour: Colour, radius: float) -> Any:
     import rerun as rr
 
     return rr.LineStrips3D([ring], colors=[colour], radii=rr.Radius.ui_points(radius))
@@ -183,14 +183,14 @@ def _log_names(recording: Any, rig: Rig, colours: dict[str, Colour], times: Sequ
     recording.reset_time()
 
 
-def named_points(names: Sequence[str], places: Array, colours: Sequence[Colour]) -> Any:
+def named_points(names: Sequence[str], places: Floats, colours: Sequence[Colour]) -> Any:
     """rerun.Points3D with their names."""
     import rerun as rr
 
     return rr.Points3D(places, radii=rr.Radius.ui_points(1.5), colors=colours, labels=names, show_labels=True)
 
 
-def _leads(anchors: Array, places: Array, colours: Sequence[Colour]) -> Any:
+def _leads(anchors: Floats, places: Floats, colours: Sequence[Colour]) -> Any:
     import rerun as rr
 
     return rr.LineStrips3D(np.stack([anchors, places], axis=1), colors=colours, radii=rr.Radius.ui_points(0.5))
@@ -256,7 +256,7 @@ def _log_picture_marks(recording: Any, rig: Rig, camera: Camera, fits: list[View
     recording.log(f"{path}/names", labels)
 
 
-def _name_places(rings: list[Array], names: list[str], camera: Camera) -> Array:
+def _name_places(rings: list[Floats], names: list[str], camera: Camera) -> Floats:
     """Below each outline, apart from one another at the size in which a picture of four is shown."""
     width = camera.intrinsics.width
     below = np.array([[(ring[:, 0].min() + ring[:, 0].max()) / 2, ring[:, 1].max()] for ring in rings])

@@ -6,9 +6,9 @@ import cv2
 import numpy as np
 
 from quadrig.io.whole_file import written_beside
+from quadrig.single.arrays import Floats
 from quadrig.single.calibration import Calibration
 from quadrig.single.rectangle import Rectangle
-from quadrig.single.rotation import Array
 from quadrig.single.view import View
 
 _SHEET, _CAMERA, _TWIN, _SEEN, _FITTED = (
@@ -24,7 +24,7 @@ _EXCLUDED = 7.0
 _RING = [0, 1, 2, 3, 0]
 
 
-def save_calibration(path: Path, picture: Array, rectangle: Rectangle, view: View, calibration: Calibration) -> None:
+def save_calibration(path: Path, picture: Floats, rectangle: Rectangle, view: View, calibration: Calibration) -> None:
     """Write an .rrd: the picture with measured and fitted points, the sheet, the camera, and its mirror twin.
 
     picture (h, w, 3) uint8, blue green red. Raises QuadrigError where the file cannot be written.
@@ -86,7 +86,7 @@ def _log_camera(
     )
 
 
-def _dense(outline: Array) -> Array:
+def _dense(outline: Floats) -> Floats:
     """Points along the outline, close enough for a distorted lens to bend it."""
     sides = np.diff(outline, axis=0)
     steps = np.linspace(0, 1, 20)

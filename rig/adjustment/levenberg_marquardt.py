@@ -20,7 +20,7 @@ from quadrig.rig.adjustment.normal_equations import (
 from quadrig.rig.adjustment.schur import Reduced, eliminate, node_steps, solve_cameras
 from quadrig.rig.adjustment.slack import SlackPrior, Softened, slack_steps, soften
 from quadrig.rig.problem.observations import Observations
-from quadrig.single.rotation import Array
+from quadrig.single.arrays import Floats
 
 # A step that is expected to lower chi-square by less than this moves every parameter by less than a thousandth
 # of its own sigma: nothing that a result prints can change.
@@ -44,19 +44,19 @@ class Freedom:
     None where no View has any.
     """
 
-    lens: Array
-    pose: Array
-    node: Array
-    prior_mean: Array
-    prior_information: Array
+    lens: Floats
+    pose: Floats
+    node: Floats
+    prior_mean: Floats
+    prior_information: Floats
     slack: SlackPrior | None = None
 
     @property
-    def columns(self) -> Array:
+    def columns(self) -> Floats:
         """Indices of the lens parameters that any camera estimates."""
         return np.flatnonzero(self.lens.any(axis=0))
 
-    def unknowns(self, columns: Array, state: State) -> Array:
+    def unknowns(self, columns: Floats, state: State) -> Floats:
         """(C, M) bool: which unknowns of the reduced system are estimated at a state."""
         parts = [self.lens[:, columns], np.repeat(self.pose[:, None], 6, axis=1)]
         if state.motion is not None and state.offsets is not None:
@@ -76,7 +76,7 @@ class Adjustment:
     linearised: Linearised
     normal: Normal
     layout: Layout
-    columns: Array
+    columns: Floats
     softened: Softened | None = None
 
 
@@ -140,7 +140,7 @@ def with_noise(
     return replace(moved, normal=_normal(observations, moved, freedom, gram))
 
 
-def _normal(observations: Observations, found: Adjustment, freedom: Freedom, gram: Array) -> Normal:
+def _normal(observations: Observations, found: Adjustment, freedom: Freedom, gram: Floats) -> Normal:
     normal = normal_equations(observations, found.layout, found.state, gram)
     return with_prior(normal, found.state, freedom, found.columns)
 
@@ -152,7 +152,7 @@ class _Adjusted:
     observations: Observations
     freedom: Freedom
     tables: Layout
-    columns: Array
+    columns: Floats
     noise: float
     robust: bool
 
@@ -208,14 +208,14 @@ def _better(problem: _Adjusted, here: _Expansion, damping: float) -> tuple[_Expa
     return None
 
 
-def followed(found: Adjustment, observations: Observations, reduced: Reduced, steps: Array) -> State:
+def followed(found: Adjustment, observations: Observations, reduced: Reduced, steps: Floats) -> State:
     """The state after steps (C, M) of the cameras from the end of an adjustment; all else follows."""
     poses = node_steps(found.normal, found.layout, reduced, steps)
     return _stepped(observations, found.columns, found.state, found.softened, steps, poses)
 
 
 def _stepped(
-    observations: Observations, columns: Array, state: State, softened: Softened | None, steps: Array, poses: Array
+    observations: Observations, columns: Floats, state: State, softened: Softened | None, steps: Floats, poses: Floats
 ) -> State:
     count = len(columns)
     lens = np.zeros_like(state.lens)
@@ -227,7 +227,7 @@ def _stepped(
     return replace(state.moved(lens, steps[:, count : count + 6], poses), slack=slack, offsets=offsets)
 
 
-def view_steps(observations: Observations, state: State, steps: Array, poses: Array, lens: int) -> Array:
+def view_steps(observations: Observations, state: State, steps: Floats, poses: Floats, lens: int) -> Floats:
     """Steps (V, K + 6) of lens and chained camera_from_rect, of steps of the cameras (C, M) and nodes (N, 6).
 
     lens: K, how many of a camera's unknowns are the lens's.
@@ -248,7 +248,7 @@ def _prior_cost(state: State, freedom: Freedom) -> float:
     return cost
 
 
-def with_prior(normal: Normal, state: State, freedom: Freedom, columns: Array) -> Normal:
+def with_prior(normal: Normal, state: State, freedom: Freedom, columns: Floats) -> Normal:
     """The normal equations with the priors of the lens parameters added."""
     information = (freedom.prior_information * freedom.lens)[:, columns]
     cameras, gradient = normal.cameras.copy(), normal.camera_gradient.copy()

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from quadrig.rig.problem.build import Problem, components
+from quadrig.single.arrays import Floats
 from quadrig.single.pose import Pose
-from quadrig.single.rotation import Array
 
 # Framesets further apart than this (s) say little of the motion between them: a hand turns around in half a second.
 LONGEST_GAP = 0.25
@@ -29,23 +29,23 @@ class Motion:
     of cameras that share moving rectangles one holds the clock, since only differences of offsets can be told.
     """
 
-    rate: Array
-    bend: Array
-    lag: Array
-    tells: Array
-    free: Array
+    rate: Floats
+    bend: Floats
+    lag: Floats
+    tells: Floats
+    free: Floats
 
-    def step(self, offset: Array) -> Array:
+    def step(self, offset: Floats) -> Floats:
         """Steps (V, 6) from the nodes' poses for the clock offsets (V,) s of the Views' cameras."""
         tau = (self.lag + offset)[:, None]
         return tau * self.rate + tau**2 * self.bend
 
-    def slope(self, offset: Array) -> Array:
+    def slope(self, offset: Floats) -> Floats:
         """Derivative (V, 6) of the step by the offset."""
         return self.rate + 2 * (self.lag + offset)[:, None] * self.bend
 
 
-def motion(problem: Problem, rig_from_node: Pose, offsets: Array) -> Motion | None:
+def motion(problem: Problem, rig_from_node: Pose, offsets: Floats) -> Motion | None:
     """The motion of every View's rectangle, from the poses of its neighbours in time; None where none is known.
 
     offsets (C,) s: of the clocks. A pose is the rectangle's at the mean of when its Views were truly taken, so that
@@ -84,7 +84,7 @@ def motion(problem: Problem, rig_from_node: Pose, offsets: Array) -> Motion | No
     )
 
 
-def _neighbours(problem: Problem, node_time: Array) -> Array:
+def _neighbours(problem: Problem, node_time: Floats) -> Floats:
     """Nodes (R, 3) of one moving rectangle, each with its two nearest in time: before and after it, but at the ends
     of a run of framesets both on one side."""
     by_rectangle: dict[str, list[int]] = {}

@@ -12,9 +12,10 @@ import numpy as np
 
 from quadrig.rig.adjustment.motion import Motion
 from quadrig.rig.problem.observations import ObservationGroup, Observations
+from quadrig.single.arrays import Floats
 from quadrig.single.lens import LENS_PARAMETERS, fill_projection_rows, project
 from quadrig.single.pose import Pose
-from quadrig.single.rotation import Array, cross_matrix
+from quadrig.single.rotation import cross_matrix
 
 LENS = len(LENS_PARAMETERS)
 
@@ -36,14 +37,14 @@ class State:
     off; None where clocks are taken to agree.
     """
 
-    lens: Array
+    lens: Floats
     camera_from_rig: Pose
     rig_from_rect: Pose
-    slack: Array | None = None
+    slack: Floats | None = None
     motion: Motion | None = None
-    offsets: Array | None = None
+    offsets: Floats | None = None
 
-    def moved(self, lens: Array, cameras: Array, nodes: Array) -> "State":
+    def moved(self, lens: Floats, cameras: Floats, nodes: Floats) -> "State":
         """After steps of the lenses (C, 9) and twists in the rig frame of cameras (C, 6) and nodes (N, 6)."""
         step, count = Pose.from_twist(np.concatenate([cameras, nodes])), len(cameras)
         return replace(
@@ -73,12 +74,12 @@ class Linearised:
     cost: sum of the loss, in units of chi-square. squares: for each group (V, P), the squared residual in px^2.
     """
 
-    gram: Array
+    gram: Floats
     cost: float
-    squares: tuple[Array, ...]
+    squares: tuple[Floats, ...]
 
 
-def linearise(observations: Observations, state: State, columns: Array, noise: float, robust: bool) -> Linearised:
+def linearise(observations: Observations, state: State, columns: Floats, noise: float, robust: bool) -> Linearised:
     """Gram matrices at a state, with weights of 1/noise^2 and, where robust, of Cauchy's loss.
 
     columns (K,): which lens parameters take part.
@@ -97,8 +98,8 @@ def linearise(observations: Observations, state: State, columns: Array, noise: f
 
 
 def _gram(
-    group: ObservationGroup, state: State, chained: Pose, columns: Array, noise: float, robust: bool
-) -> tuple[Array, Array, float]:
+    group: ObservationGroup, state: State, chained: Pose, columns: Floats, noise: float, robust: bool
+) -> tuple[Floats, Floats, float]:
     """Gram matrices (V, K+7, K+7), squared residuals (V, P) px^2 and cost of some Views."""
     rows, square = _rows(group, state.lens[group.camera], chained[group.view], columns)
     weights, cost = _weighed(group, square, noise, robust)
@@ -112,7 +113,7 @@ def _gram(
     return product * weights.flat[0] if uniform else product, square, cost
 
 
-def residual_squares(observations: Observations, state: State) -> tuple[Array, ...]:
+def residual_squares(observations: Observations, state: State) -> tuple[Floats, ...]:
     """For each group (V, P) the squared residual in px^2, as `linearise` has it."""
     chained, squares = state.camera_from_rect(observations), []
     for group in observations.groups:
@@ -124,7 +125,7 @@ def residual_squares(observations: Observations, state: State) -> tuple[Array, .
     return tuple(squares)
 
 
-def _weighed(group: ObservationGroup, square: Array, noise: float, robust: bool) -> tuple[Array, float]:
+def _weighed(group: ObservationGroup, square: Floats, noise: float, robust: bool) -> tuple[Floats, float]:
     """Weights (V, P) of the squared residuals and their cost in units of chi-square."""
     weights = group.weights / noise**2
     behind = ~np.isfinite(square)
@@ -141,14 +142,14 @@ def _weighed(group: ObservationGroup, square: Array, noise: float, robust: bool)
     return weights, cost
 
 
-def _rows(group: ObservationGroup, lens: Array, camera_from_rect: Pose, columns: Array) -> tuple[Array, Array]:
+def _rows(group: ObservationGroup, lens: Floats, camera_from_rect: Pose, columns: Floats) -> tuple[Floats, Floats]:
     """Rows (K + 7, V, 2, P) of derivatives and residual, and squared residuals (V, P)."""
     count, size = group.weights.shape
     turned = (camera_from_rect.rotation @ np.swapaxes(group.points, -1, -2)).transpose(1, 0, 2).copy()
     located = turned + camera_from_rect.translation.T[:, :, None]
     wanted = len(columns)
     rows = np.zeros((wanted + 7, count, 2, size))
-    by_lens: list[Array | None] = [None] * LENS
+    by_lens: list[Floats | None] = [None] * LENS
     for place, column in enumerate(columns):
         by_lens[column] = rows[place].swapaxes(0, 1)
     by_point = rows[wanted + 3 : wanted + 6].swapaxes(1, 2)
@@ -181,36 +182,36 @@ class Layout:
     view_by_camera: "_Sum"
     view_by_node: "_Sum"
     view_by_pair: "_Sum"
-    pair_node: Array
-    pair_camera: Array
+    pair_node: Floats
+    pair_camera: Floats
     pair_by_node: "_Sum"
     pair_by_camera: "_Sum"
-    meeting_left: Array
-    meeting_right: Array
+    meeting_left: Floats
+    meeting_right: Floats
     meeting_by_block: "_Sum"
-    block_left: Array
-    block_right: Array
-    diagonal: Array
+    block_left: Floats
+    block_right: Floats
+    diagonal: Floats
 
 
 @dataclass(frozen=True, eq=False)
 class _Sum:
     """Sums rows that carry one key: result[keys] = sum of rows; `total` rows in all."""
 
-    order: Array
-    starts: Array
-    keys: Array
+    order: Floats
+    starts: Floats
+    keys: Floats
     total: int
 
     @staticmethod
-    def over(key: Array, total: int | None = None) -> "_Sum":
+    def over(key: Floats, total: int | None = None) -> "_Sum":
         order = np.argsort(key, kind="stable")
         ordered = key[order]
         starts = np.flatnonzero(np.diff(ordered, prepend=-1))
         keys = ordered[starts]
         return _Sum(order, starts, keys, len(keys) if total is None else total)
 
-    def __call__(self, rows: Array) -> Array:
+    def __call__(self, rows: Floats) -> Floats:
         ordered = rows[self.order]
         # Where no two rows share a key there is nothing to add.
         alone = len(self.starts) == len(self.order)
@@ -249,7 +250,7 @@ def layout(observations: Observations) -> Layout:
     )
 
 
-def _meetings(pair_node: Array) -> tuple[Array, Array]:
+def _meetings(pair_node: Floats) -> tuple[Floats, Floats]:
     """All (left <= right) of positions in the sorted pair_node that carry the same node."""
     _, starts, counts = np.unique(pair_node, return_index=True, return_counts=True)
     left, right = [], []
@@ -269,14 +270,14 @@ class Normal:
     estimated. Gradients point down the cost.
     """
 
-    cameras: Array
-    camera_gradient: Array
-    nodes: Array
-    node_gradient: Array
-    pairs: Array
+    cameras: Floats
+    camera_gradient: Floats
+    nodes: Floats
+    node_gradient: Floats
+    pairs: Floats
 
 
-def chain_derivatives(observations: Observations, state: State) -> tuple[Array, Array]:
+def chain_derivatives(observations: Observations, state: State) -> tuple[Floats, Floats]:
     """Derivatives of the step of camera_from_rect: by its camera's twist, and clock where one is estimated,
     (V, 6, 6 or 7), and by its node's twist (V, 6, 6).
 
@@ -296,7 +297,7 @@ def chain_derivatives(observations: Observations, state: State) -> tuple[Array, 
     return np.concatenate([by_twist, turned[..., None]], axis=-1), by_twist
 
 
-def normal_equations(observations: Observations, layout: Layout, state: State, gram: Array) -> Normal:
+def normal_equations(observations: Observations, layout: Layout, state: State, gram: Floats) -> Normal:
     """Spread the Gram matrices over camera and rectangle poses by the chain of Eq. 50."""
     lens = gram.shape[-1] - 7
     by_camera, _ = chain_derivatives(observations, state)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from quadrig.rig.problem.observations import Observations
-from quadrig.single.rotation import Array
+from quadrig.single.arrays import Floats
 
 # A Gaussian corner strays past 5 sigma (in two dimensions) once in 270,000: losing it costs nothing, and what
 # strays further is a fault.
@@ -22,11 +22,11 @@ USUAL_WEIGHT = 4.0
 class Judged:
     """weights: for each group (V, P), zero where a corner is out. rejected (views,) bool: Views out as a whole."""
 
-    weights: tuple[Array, ...]
-    rejected: Array
+    weights: tuple[Floats, ...]
+    rejected: Floats
 
 
-def judge(observations: Observations, squares: tuple[Array, ...], noise: float) -> Judged:
+def judge(observations: Observations, squares: tuple[Floats, ...], noise: float) -> Judged:
     """Sort corners into those within 5 sigma and those that are not, from squared residuals (px^2)."""
     rejected = np.zeros(len(observations.camera), bool)
     weights = []
@@ -49,7 +49,7 @@ def noise_of(chi_square: float, freedom: float, usual: float = USUAL_NOISE) -> f
     return float(np.sqrt(total / (max(freedom, 0.0) + USUAL_WEIGHT)))
 
 
-def robust_noise(observations: Observations, squares: tuple[Array, ...], unknowns: float = 0.0) -> float:
+def robust_noise(observations: Observations, squares: tuple[Floats, ...], unknowns: float = 0.0) -> float:
     """Sigma (px) of a coordinate from the median squared residual, which outliers do not move.
 
     unknowns: how many numbers were fitted to the Views; what they took up does not show in the residuals.

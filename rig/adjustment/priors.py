@@ -3,8 +3,8 @@
 import numpy as np
 
 from quadrig.rig.problem.build import Problem
+from quadrig.single.arrays import Floats
 from quadrig.single.lens import LENS_PARAMETERS, image_middle
-from quadrig.single.rotation import Array
 
 # Less than any detector's noise (px): keeps a View that its own few unknowns explain wholly from infinite weight.
 LEAST_NOISE = 0.02
@@ -18,7 +18,7 @@ ENOUGH_POINTS = 16
 ROUGH = 10.0
 
 
-def prior(problem: Problem, principal_sigma: float) -> tuple[Array, Array]:
+def prior(problem: Problem, principal_sigma: float) -> tuple[Floats, Floats]:
     """Prior mean and information (C, 9) of the lenses; principal_sigma as a share of the image's larger side."""
     mean, information = np.zeros((len(problem.cameras), 9)), np.zeros((len(problem.cameras), 9))
     mean[:, 8] = 1.0

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from quadrig.rig.adjustment.normal_equations import Layout, Normal
-from quadrig.single.rotation import Array
+from quadrig.single.arrays import Floats
 
 if TYPE_CHECKING:
     import scipy.sparse
@@ -30,15 +30,15 @@ class Reduced:
     free (C, M): which unknowns are estimated. node_inverse (N, 6, 6): zero for a node that stands fixed.
     """
 
-    blocks: Array
-    left: Array
-    right: Array
-    gradient: Array
-    free: Array
-    node_inverse: Array
+    blocks: Floats
+    left: Floats
+    right: Floats
+    gradient: Floats
+    free: Floats
+    node_inverse: Floats
 
 
-def eliminate(normal: Normal, layout: Layout, free: Array, free_nodes: Array, damping: float = 0.0) -> Reduced:
+def eliminate(normal: Normal, layout: Layout, free: Floats, free_nodes: Floats, damping: float = 0.0) -> Reduced:
     """Schur complement on the cameras. damping: share of each diagonal element that is added to it (Marquardt)."""
     inverse = node_inverses(normal, damping)
     inverse[~free_nodes] = 0.0
@@ -51,7 +51,7 @@ def eliminate(normal: Normal, layout: Layout, free: Array, free_nodes: Array, da
     return Reduced(blocks, layout.block_left, layout.block_right, gradient, free, inverse)
 
 
-def _met(through: Array, normal: Normal, layout: Layout, cameras: int) -> Array:
+def _met(through: Floats, normal: Normal, layout: Layout, cameras: int) -> Floats:
     """Blocks (B, M, M): what the rectangle poses tie every two cameras together with."""
     nodes, (count, size, _) = len(normal.nodes), normal.pairs.shape
     if cameras * nodes > _MOST_EMPTY * count:
@@ -65,36 +65,36 @@ def _met(through: Array, normal: Normal, layout: Layout, cameras: int) -> Array:
     return product.reshape(cameras, size, cameras, size)[layout.block_left, :, layout.block_right]
 
 
-def node_inverses(normal: Normal, damping: float = 0.0) -> Array:
+def node_inverses(normal: Normal, damping: float = 0.0) -> Floats:
     """Inverses (N, 6, 6) of the rectangle poses' own blocks: their covariances, were all cameras known."""
     return np.linalg.inv(_damped(normal.nodes, damping) + _EMPTY_NODE * np.eye(6))
 
 
-def _damped(blocks: Array, damping: float) -> Array:
+def _damped(blocks: Floats, damping: float) -> Floats:
     if damping == 0:
         return blocks
     return blocks * (1 + damping * np.eye(blocks.shape[-1]))
 
 
-def solve_cameras(reduced: Reduced) -> Array:
+def solve_cameras(reduced: Reduced) -> Floats:
     """The steps (C, M) of lenses and camera poses. Raises numpy.linalg.LinAlgError where they are not determined."""
     return solve_for(reduced, np.where(reduced.free, reduced.gradient, 0.0).ravel()).reshape(reduced.free.shape)
 
 
-def solve_for(reduced: Reduced, right: Array) -> Array:
+def solve_for(reduced: Reduced, right: Floats) -> Floats:
     """The reduced system solved for right-hand sides (C M,) or (C M, R)."""
     band = _band(reduced)
     return _solve_dense(reduced, right) if band is None else _solve_banded(reduced, right, *band)
 
 
-def node_steps(normal: Normal, layout: Layout, reduced: Reduced, camera_steps: Array) -> Array:
+def node_steps(normal: Normal, layout: Layout, reduced: Reduced, camera_steps: Floats) -> Floats:
     """The steps (N, 6) of the rectangle poses that go with steps of the cameras."""
     pulled = (np.swapaxes(normal.pairs, -1, -2) @ camera_steps[layout.pair_camera][..., None])[..., 0]
     gradient = normal.node_gradient - layout.pair_by_node(pulled)
     return (reduced.node_inverse @ gradient[..., None])[..., 0]
 
 
-def dense_matrix(reduced: Reduced) -> Array:
+def dense_matrix(reduced: Reduced) -> Floats:
     """The reduced matrix (C M, C M); rows and columns that are not free are those of the unit matrix."""
     matrix = _dense(reduced.blocks, reduced.left, reduced.right, len(reduced.free))
     free = reduced.free.ravel()
@@ -104,7 +104,7 @@ def dense_matrix(reduced: Reduced) -> Array:
     return matrix
 
 
-def _dense(blocks: Array, left: Array, right: Array, cameras: int) -> Array:
+def _dense(blocks: Floats, left: Floats, right: Floats, cameras: int) -> Floats:
     size = blocks.shape[-1]
     matrix = np.zeros((cameras, size, cameras, size))
     matrix[left, :, right, :] = blocks
@@ -112,7 +112,7 @@ def _dense(blocks: Array, left: Array, right: Array, cameras: int) -> Array:
     return matrix.reshape(cameras * size, cameras * size)
 
 
-def block_matrix(blocks: Array, left: Array, right: Array, cameras: int) -> "Array | scipy.sparse.csr_array":
+def block_matrix(blocks: Floats, left: Floats, right: Floats, cameras: int) -> "Floats | scipy.sparse.csr_array":
     """The symmetric matrix (C M, C M) of blocks (B, M, M) at (left <= right), sparse where it is large."""
     size = blocks.shape[-1]
     if cameras * size < _SMALL_SYSTEM:
@@ -127,7 +127,7 @@ def block_matrix(blocks: Array, left: Array, right: Array, cameras: int) -> "Arr
     return coo_array((values.ravel(), place), shape=(cameras * size, cameras * size)).tocsr()
 
 
-def _solve_dense(reduced: Reduced, right: Array) -> Array:
+def _solve_dense(reduced: Reduced, right: Floats) -> Floats:
     from scipy.linalg import cho_factor, cho_solve
 
     matrix = dense_matrix(reduced)
@@ -138,7 +138,7 @@ def _solve_dense(reduced: Reduced, right: Array) -> Array:
     return solution * (scale if right.ndim == 1 else scale[:, None])
 
 
-def _band(reduced: Reduced) -> tuple[Array, int] | None:
+def _band(reduced: Reduced) -> tuple[Floats, int] | None:
     """An order of cameras that keeps who meets whom near the diagonal, and its width; None where dense is as good."""
     cameras, size = reduced.free.shape
     if cameras * size < _SMALL_SYSTEM:
@@ -154,7 +154,7 @@ def _band(reduced: Reduced) -> tuple[Array, int] | None:
     return (place, width) if width < _BAND_SHARE * cameras else None
 
 
-def _solve_banded(reduced: Reduced, right: Array, place: Array, width: int) -> Array:
+def _solve_banded(reduced: Reduced, right: Floats, place: Floats, width: int) -> Floats:
     from scipy.linalg import solveh_banded
 
     cameras, size = reduced.free.shape
@@ -181,7 +181,7 @@ def _solve_banded(reduced: Reduced, right: Array, place: Array, width: int) -> A
     return (solution * column_scale)[index]
 
 
-def reduced_inverse(reduced: Reduced) -> Array:
+def reduced_inverse(reduced: Reduced) -> Floats:
     """Inverse (C M, C M) of the reduced matrix: the covariance of lenses and camera poses; zero where not free."""
     inverse = solve_for(reduced, np.diag(reduced.free.ravel().astype(float)))
     return (inverse + inverse.T) / 2

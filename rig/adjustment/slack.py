@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from quadrig.single.rotation import Array
+from quadrig.single.arrays import Floats
 
 # Degrees of freedom of Student's t for the slack: low enough for stray Views to stray, high enough for a variance.
 _STUDENT = 4.0
@@ -27,17 +27,17 @@ class SlackPrior:
     loose (V,) bool: Views that have any slack.
     """
 
-    loose: Array
-    weight: Array
-    precision: Array
+    loose: Floats
+    weight: Floats
+    precision: Floats
 
     @staticmethod
-    def wide(loose: Array, width: float) -> "SlackPrior":
+    def wide(loose: Floats, width: float) -> "SlackPrior":
         """The same width, rad and m, for every loose View."""
         return SlackPrior(loose, np.ones(len(loose)), np.full(6, width**-2))
 
     @property
-    def information(self) -> Array:
+    def information(self) -> Floats:
         """(V, 6), infinite where a View has no slack."""
         return np.where(self.loose[:, None], self.weight[:, None] * self.precision, np.inf)
 
@@ -49,12 +49,12 @@ class Softened:
     inverse (V, 6, 6): of the slack's own normal matrix. rows (V, 6, K+7): of the slack, over all columns.
     """
 
-    gram: Array
-    inverse: Array
-    rows: Array
+    gram: Floats
+    inverse: Floats
+    rows: Floats
 
 
-def soften(gram: Array, slack: Array, information: Array) -> Softened:
+def soften(gram: Floats, slack: Floats, information: Floats) -> Softened:
     """Eliminate slack (V, 6) with prior information (V, 6); where that is infinite the View has none."""
     lens = gram.shape[-1] - 7
     loose = np.isfinite(information).all(axis=1)
@@ -70,13 +70,13 @@ def soften(gram: Array, slack: Array, information: Array) -> Softened:
     return Softened(softened, inverse, rows)
 
 
-def slack_steps(softened: Softened, steps: Array) -> Array:
+def slack_steps(softened: Softened, steps: Floats) -> Floats:
     """Steps (V, 6) of the slack that go with steps (V, K+6) of lens and chained camera_from_rect."""
     pulled = softened.rows[:, :, -1:] - softened.rows[:, :, :-1] @ steps[..., None]
     return (softened.inverse @ pulled)[..., 0]
 
 
-def slack_variances(softened: Softened, by_node: Array, node_covariance: Array) -> Array:
+def slack_variances(softened: Softened, by_node: Floats, node_covariance: Floats) -> Floats:
     """Variances (V, 6) of the slack, with the doubt of the rectangle poses that it is reckoned from.
 
     by_node (V, 6, 6): derivative of the chained camera_from_rect by its node's twist; node_covariance (V, 6, 6): of
@@ -88,7 +88,7 @@ def slack_variances(softened: Softened, by_node: Array, node_covariance: Array) 
     return np.einsum("vii->vi", softened.inverse + passed @ node_covariance @ np.swapaxes(passed, -1, -2))
 
 
-def learned(slack: Array, variances: Array, prior: SlackPrior) -> SlackPrior:
+def learned(slack: Floats, variances: Floats, prior: SlackPrior) -> SlackPrior:
     """The prior of the slack by one step of expectation-maximisation from the last one.
 
     slack, variances (V, 6). Rotation and translation have one width each, and every View a weight of its own: slack
@@ -102,6 +102,6 @@ def learned(slack: Array, variances: Array, prior: SlackPrior) -> SlackPrior:
     return SlackPrior(prior.loose, every, 1 / np.array([rotation] * 3 + [translation] * 3))
 
 
-def strays(slack: Array, prior: SlackPrior) -> Array:
+def strays(slack: Floats, prior: SlackPrior) -> Floats:
     """Views (V,) bool whose slack is far beyond the width that the Views together have."""
     return prior.loose & ((slack**2 * prior.precision).sum(axis=1) > 6 * _STRAY**2)

@@ -7,10 +7,10 @@ import numpy as np
 
 from quadrig.rig.coach.edge_width import EdgeWidths, Picture, edge_widths
 from quadrig.rig.coach.fault import Fault
+from quadrig.single.arrays import Floats
 from quadrig.single.detect.tag_ids import known_tags
 from quadrig.single.marking import CharucoMarking, PlainMarking, TagMarking
 from quadrig.single.rectangle import Rectangle
-from quadrig.single.rotation import Array
 from quadrig.single.view import View
 
 # Pixels this near to white have lost what was above them.
@@ -79,14 +79,14 @@ def _out_of_focus(camera: str) -> Fault:
     return Fault("blur", f"{camera}: the picture is out of focus; focus the lens on where the sheet is", camera)
 
 
-def outer_corners(view: View) -> Array:
+def outer_corners(view: View) -> Floats:
     """Pixels (4, 2) of the points that lie farthest out in the rectangle, in the order of Eq. 4."""
     directions = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]], float)
     centred = view.points[:, :2] - view.points[:, :2].mean(0)
     return view.pixels[np.argmax(centred @ directions.T, axis=0)]
 
 
-def _inside(grey: Picture, view: View) -> Array:
+def _inside(grey: Picture, view: View) -> Floats:
     corners = outer_corners(view)
     low = np.clip(np.floor(corners.min(0)), 0, None).astype(int)
     high = np.ceil(corners.max(0)).astype(int) + 1

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from quadrig.single.rotation import Array
+from quadrig.single.arrays import Floats
 from quadrig.single.view import View
 
 Picture = NDArray[np.uint8]
@@ -74,14 +74,14 @@ def view_edge_widths(grey: Picture, view: View) -> EdgeWidths:
     return edge_widths(cut, cv2.dilate(mask, np.ones((2 * _MARGIN + 1,) * 2, np.uint8)) > 0)
 
 
-def _slope(grey: Picture, blur: float) -> tuple[Array, Array]:
+def _slope(grey: Picture, blur: float) -> tuple[Floats, Floats]:
     """Greatest slope (H, W) of the blurred picture, grey levels per px, and its direction, rad."""
     smooth = cv2.GaussianBlur(grey.astype(np.float32), (0, 0), blur)
     across, down = (cv2.Sobel(smooth, cv2.CV_32F, *d, ksize=1, scale=0.5) for d in ((1, 0), (0, 1)))
     return cv2.magnitude(across, down), np.arctan2(down, across)
 
 
-def _width(ratio: Array) -> Array:
+def _width(ratio: Floats) -> Floats:
     """Sigma, px, of steps whose slopes under the fine and the coarse blur have this ratio."""
     fine, coarse = _FINE**2 + _DIFFERENCE, _COARSE**2 + _DIFFERENCE
     # The ratio of a step without width, and one that noise alone lifts above that of a step without end.

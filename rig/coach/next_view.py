@@ -18,10 +18,11 @@ from quadrig.rig.doubt.information import (
 )
 from quadrig.rig.doubt.working_accuracy import rigid_part
 from quadrig.rig.result import CAMERA_PARAMETERS, Camera
+from quadrig.single.arrays import Floats
 from quadrig.single.marking import CharucoMarking, ChessboardMarking
 from quadrig.single.pose import Pose
 from quadrig.single.rectangle import Rectangle, rectangle_corners
-from quadrig.single.rotation import Array, cross_matrix, rotation_from_vector
+from quadrig.single.rotation import cross_matrix, rotation_from_vector
 
 # Parts of the picture in which a sheet is imagined: its middle, its sides and its corners, so far out that the
 # sheet is still whole.
@@ -62,11 +63,11 @@ class Placements:
 
     rectangle: Rectangle
     rig_from_rect: Pose
-    camera: Array
-    region: Array
-    fill: Array
-    tilt: Array
-    toward: Array
+    camera: Floats
+    region: Floats
+    fill: Floats
+    tilt: Floats
+    toward: Floats
 
     def __len__(self) -> int:
         return len(self.camera)
@@ -77,7 +78,7 @@ class Placements:
         return Placements(self.rectangle, self.rig_from_rect[index], *(part[index] for part in parts))
 
 
-def planning_points(rectangle: Rectangle) -> tuple[Array, float]:
+def planning_points(rectangle: Rectangle) -> tuple[Floats, float]:
     """Points (P, 3) that stand for the rectangle when planning, and the factor on the pixel sigma.
 
     The four corners of a tag or sheet; three by three of a board's corners, whose number lowers the sigma.
@@ -93,7 +94,7 @@ def planning_points(rectangle: Rectangle) -> tuple[Array, float]:
     return points, float(np.sqrt(len(points) / (columns * rows)))
 
 
-def imagine(cameras: Sequence[Camera], rectangle: Rectangle, been: Array | None = None) -> Placements:
+def imagine(cameras: Sequence[Camera], rectangle: Rectangle, been: Floats | None = None) -> Placements:
     """Placements in each camera's picture, by region, size and tilt, and facing between it and each other camera.
 
     been (N, 3): where the sheet has been; placements as far from each camera as that are among them.
@@ -109,7 +110,7 @@ def imagine(cameras: Sequence[Camera], rectangle: Rectangle, been: Array | None 
     )
 
 
-def _fills(camera: Camera, rectangle: Rectangle, been: Array | None) -> Array:
+def _fills(camera: Camera, rectangle: Rectangle, been: Floats | None) -> Floats:
     """Parts of the picture's width: the usual ones, and those at the distances where the sheet has been."""
     if been is None or not len(been):
         return np.array(FILLS)
@@ -118,7 +119,7 @@ def _fills(camera: Camera, rectangle: Rectangle, been: Array | None) -> Array:
     return np.array([*FILLS, *(lens.focal * rectangle.width / (lens.width * distance * _AS_FAR))])
 
 
-def _imagine_before(cameras: Sequence[Camera], index: int, rectangle: Rectangle, been: Array | None) -> Placements:
+def _imagine_before(cameras: Sequence[Camera], index: int, rectangle: Rectangle, been: Floats | None) -> Placements:
     camera = cameras[index]
     lens, pose = camera.intrinsics, camera.rig_from_camera
     fills = _fills(camera, rectangle, been)
@@ -151,11 +152,11 @@ def _imagine_before(cameras: Sequence[Camera], index: int, rectangle: Rectangle,
     )
 
 
-def _product(first: Array, second: Array) -> tuple[Array, Array]:
+def _product(first: Floats, second: Floats) -> tuple[Floats, Floats]:
     return np.repeat(first, len(second), axis=0), np.tile(second, (len(first), 1))
 
 
-def _facing(middle: Array, viewer: Array, right: Array) -> Array:
+def _facing(middle: Floats, viewer: Floats, right: Floats) -> Floats:
     """Rotations (N, 3, 3) of sheets at `middle` (N, 3) that a viewer sees upright and straight on."""
     z = middle - viewer
     z = z / np.linalg.norm(z, axis=-1, keepdims=True)
@@ -164,13 +165,13 @@ def _facing(middle: Array, viewer: Array, right: Array) -> Array:
     return np.stack([x, np.cross(z, x), z], axis=-1)
 
 
-def _between(middle: Array, first: Array, second: Array) -> Array:
+def _between(middle: Floats, first: Floats, second: Floats) -> Floats:
     """Viewpoints half way, in angle, between two as seen from each `middle`."""
     directions = [(p - middle) / np.linalg.norm(p - middle, axis=-1, keepdims=True) for p in (first, second)]
     return middle + directions[0] + directions[1]
 
 
-def seen(cameras: Sequence[Camera], placements: Placements) -> Array:
+def seen(cameras: Sequence[Camera], placements: Placements) -> Floats:
     """Which camera (B, C) would find the whole sheet: in its picture, from the front, large enough."""
     poses = placements.rig_from_rect
     corners = poses[:, None].transform(rectangle_corners(placements.rectangle.width, placements.rectangle.height))
@@ -185,7 +186,7 @@ def seen(cameras: Sequence[Camera], placements: Placements) -> Array:
     return result
 
 
-def accuracy_weight(cameras: Sequence[Camera], points: Array) -> Array:
+def accuracy_weight(cameras: Sequence[Camera], points: Floats) -> Floats:
     """M (15 C, 15 C): trace(M covariance) is the mean variance, m^2, of the points (N, 3) that two cameras see.
 
     As in the working accuracy, a motion of all points together counts nothing.
@@ -203,12 +204,12 @@ def accuracy_weight(cameras: Sequence[Camera], points: Array) -> Array:
 
 def expected_drop(
     cameras: Sequence[Camera],
-    covariance: Array,
-    weight: Array,
+    covariance: Floats,
+    weight: Floats,
     placements: Placements,
-    sees: Array,
+    sees: Floats,
     sigma: float,
-) -> Array:
+) -> Floats:
     """By how much (B,) each placement, once seen, lowers trace(weight covariance), m^2. sees (B, C); sigma in px."""
     rows, places, noise = _told(cameras, placements, sees, sigma)
     doubt = covariance[places[:, :, None], places[:, None, :]]
@@ -218,7 +219,9 @@ def expected_drop(
     return np.where(sees.any(1), np.trace(drop, axis1=-2, axis2=-1), 0.0)
 
 
-def _told(cameras: Sequence[Camera], placements: Placements, sees: Array, sigma: float) -> tuple[Array, Array, Array]:
+def _told(
+    cameras: Sequence[Camera], placements: Placements, sees: Floats, sigma: float
+) -> tuple[Floats, Floats, Floats]:
     """What each placement tells: rows (B, n, m) on the parameters at `places` (B, m); their noise (n, n), px^2."""
     points, factor = planning_points(placements.rectangle)
     chosen = np.argsort(~sees, axis=1, kind="stable")[
@@ -234,8 +237,8 @@ def _told(cameras: Sequence[Camera], placements: Placements, sees: Array, sigma:
 
 
 def own_variance(
-    cameras: Sequence[Camera], covariance: Array, volume: Array, placements: Placements, sees: Array, sigma: float
-) -> tuple[Array, Array]:
+    cameras: Sequence[Camera], covariance: Floats, volume: Floats, placements: Placements, sees: Floats, sigma: float
+) -> tuple[Floats, Floats]:
     """Once each placement is seen: summed variance (B,), m^2, of its own corners and middle against the volume's
     (N, 3) frame, and how many (B,) of them two cameras have in their pictures."""
     corners = rectangle_corners(placements.rectangle.width, placements.rectangle.height)
@@ -252,7 +255,7 @@ def own_variance(
     return np.maximum(before - drop, 0), counted.reshape(len(placements), -1).sum(1)
 
 
-def _against(cameras: Sequence[Camera], volume: Array, points: Array) -> tuple[Array, Array]:
+def _against(cameras: Sequence[Camera], volume: Floats, points: Floats) -> tuple[Floats, Floats]:
     """How points (M, 3) move with the parameters (M, 3, 15 C) when the volume's own rigid motion is taken out, zero
     for those that fewer than two cameras see; and which (M,) are seen by two."""
     sees = [np.stack([visible(camera, p) for camera in cameras]) for p in (volume, points)]
@@ -267,14 +270,14 @@ def _against(cameras: Sequence[Camera], volume: Array, points: Array) -> tuple[A
     return shape, counted
 
 
-def _rigid_basis(arms: Array) -> Array:
+def _rigid_basis(arms: Floats) -> Floats:
     """Motion (N, 3, 6) of points at `arms` (N, 3) by a translation and a rotation."""
     return np.concatenate([np.broadcast_to(np.eye(3), (len(arms), 3, 3)), -cross_matrix(arms)], axis=-1)
 
 
 def _stacked_derivatives(
-    cameras: Sequence[Camera], placements: Placements, points: Array, chosen: Array, taken: Array
-) -> tuple[Array, Array]:
+    cameras: Sequence[Camera], placements: Placements, points: Floats, chosen: Floats, taken: Floats
+) -> tuple[Floats, Floats]:
     """Of all pixels of each placement: by its chosen cameras (B, 2KP, 15K) and by the sheet's pose (B, 2KP, 6)."""
     count, kept, rows = len(placements), chosen.shape[1], 2 * len(points)
     in_rig = placements.rig_from_rect[:, None].transform(points)
@@ -291,7 +294,7 @@ def _stacked_derivatives(
     return by_cameras.reshape(count, kept * rows, -1), by_rectangle.reshape(count, kept * rows, 6)
 
 
-def within_reach(placements: Placements, been: Array, reach: float = _REACH) -> Array:
+def within_reach(placements: Placements, been: Floats, reach: float = _REACH) -> Floats:
     """Which placements (B,) a person can be asked for without going elsewhere: in the box of the places (N, 3) the
     sheet has been, widened by `reach` metres. All of them where none is."""
     everywhere = np.ones(len(placements), bool)
@@ -304,12 +307,12 @@ def within_reach(placements: Placements, been: Array, reach: float = _REACH) -> 
 
 def expected_drop_in_hand(
     cameras: Sequence[Camera],
-    covariance: Array,
-    weight: Array,
+    covariance: Floats,
+    weight: Floats,
     placements: Placements,
-    exact: Array,
+    exact: Floats,
     sigma: float,
-) -> Array:
+) -> Floats:
     """expected_drop (B,) as a person holds the sheet, of what `exact` (B,) says of a sheet held without error.
 
     The best placements are averaged over small errors of hand and wrist, so that one at the very edge of a picture
@@ -325,7 +328,7 @@ def expected_drop_in_hand(
     return result
 
 
-def _hand_errors() -> Array:
+def _hand_errors() -> Floats:
     """Steps (7, 6): none, and each way along three axes, turned by as much."""
     axes = np.concatenate([np.eye(3), -np.eye(3)])
     turned = np.roll(axes, 1, axis=1)

@@ -8,8 +8,8 @@ import numpy as np
 from quadrig.rig.doubt.information import covariance_of
 from quadrig.rig.doubt.linear_rows import instances, rows_of
 from quadrig.rig.result import CAMERA_PARAMETERS, Camera, Rig
+from quadrig.single.arrays import Floats
 from quadrig.single.lens import LENS_PARAMETERS
-from quadrig.single.rotation import Array
 
 # Few Views support only a focal; the next ones bring distortion to light, and the doubt grows. A plan that trusts the
 # simple lens would never look for it.
@@ -19,7 +19,7 @@ _PLANNED_LENS = ("focal", "cx", "cy", "k1", "k2")
 _FOCAL, _CENTRE, _BENT, _OTHER = 1.0, 0.02, 0.1, 0.01
 
 
-def planning_doubt(rig: Rig) -> tuple[tuple[Camera, ...], Array]:
+def planning_doubt(rig: Rig) -> tuple[tuple[Camera, ...], Floats]:
     """The rig's cameras with each lens parameter free that may yet matter, and their covariance (15 C, 15 C).
 
     Lenses that are given and fixed stay so. The rig's own covariance where it keeps no fits.
@@ -45,7 +45,7 @@ def planning_doubt(rig: Rig) -> tuple[tuple[Camera, ...], Array]:
     return cameras, covariance_of(cameras, information, reference)
 
 
-def _prior_information(cameras: Sequence[Camera]) -> Array:
+def _prior_information(cameras: Sequence[Camera]) -> Floats:
     result = np.zeros((len(cameras), CAMERA_PARAMETERS))
     for index, camera in enumerate(cameras):
         width = camera.intrinsics.width

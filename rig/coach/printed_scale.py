@@ -8,7 +8,7 @@ from quadrig.rig.coach.fault import Fault
 from quadrig.rig.doubt.information import scaled_inverse
 from quadrig.rig.doubt.linear_rows import instances, pose_of, rows_of
 from quadrig.rig.result import CAMERA_PARAMETERS, Rig
-from quadrig.single.rotation import Array
+from quadrig.single.arrays import Floats
 
 # Printers err by more than this when they "fit to page" (94 to 98 %); a ruler reads an A4 sheet to 0.2 %.
 _LEAST_ERROR = 0.004
@@ -24,8 +24,8 @@ class Scales:
     """Size of each rectangle against its stated one, relative to the first: log ratio and sigma (R,)."""
 
     names: tuple[str, ...]
-    log_ratio: Array
-    sigma: Array
+    log_ratio: Floats
+    sigma: Floats
 
 
 def scale_fault(rig: Rig) -> Fault | None:

@@ -10,7 +10,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from quadrig.single.rotation import Array
+from quadrig.single.arrays import Floats
 
 # A hand-held sheet rests for this share of the time or more; images with more motion than that count the less.
 _CALM = 0.3
@@ -30,11 +30,11 @@ class Looks:
     unit that rises with it; nan where there is none.
     """
 
-    thumbnails: Array
-    sharpness: Array
+    thumbnails: Floats
+    sharpness: Floats
 
 
-def choose_framesets(looks: Looks, share: float) -> Array:
+def choose_framesets(looks: Looks, share: float) -> Floats:
     """Rising indices of the framesets chosen, about `share` of all and no fewer than LEAST.
 
     Greedy: each time the frameset is taken whose images, weighted by their quality, differ most from the nearest
@@ -50,7 +50,7 @@ def choose_framesets(looks: Looks, share: float) -> Array:
     return np.sort(candidates[chosen])
 
 
-def _spread_out(quality: Array, features: Array, wanted: int) -> Array:
+def _spread_out(quality: Floats, features: Floats, wanted: int) -> Floats:
     """Indices of the farthest points (S, C, D), weighted by quality (S, C)."""
     chosen = [int(np.argmax(quality.sum(axis=1)))]
     distance = np.full(quality.shape, np.finfo(float).max)
@@ -63,7 +63,7 @@ def _spread_out(quality: Array, features: Array, wanted: int) -> Array:
     return np.array(chosen)
 
 
-def _best_of_each_slot(quality: Array, slots: int) -> Array:
+def _best_of_each_slot(quality: Floats, slots: int) -> Floats:
     """Index of the best of the framesets (S,) in each of so many stretches of time; all where they are no more."""
     if len(quality) <= slots:
         return np.arange(len(quality))
@@ -71,7 +71,7 @@ def _best_of_each_slot(quality: Array, slots: int) -> Array:
     return np.array([begin + int(np.argmax(quality[begin:end])) for begin, end in pairwise(edges.tolist())])
 
 
-def image_quality(looks: Looks) -> Array:
+def image_quality(looks: Looks) -> Floats:
     """How good each image is for measuring (S, C), 0 to 1: still against its camera's calmer images, and sharp
     against its neighbours in time; 0 where there is none."""
     motion = _motion(looks.thumbnails)
@@ -84,7 +84,7 @@ def image_quality(looks: Looks) -> Array:
     return np.nan_to_num(stillness * sharpness)
 
 
-def _motion(thumbnails: Array) -> Array:
+def _motion(thumbnails: Floats) -> Floats:
     """How much each image differs from the one before and the one after, the lesser of both worse (S, C)."""
     steps = np.sqrt(np.mean(np.diff(thumbnails, axis=0) ** 2, axis=(2, 3)))
     padded = np.concatenate([steps[:1], steps, steps[-1:]])
@@ -92,7 +92,7 @@ def _motion(thumbnails: Array) -> Array:
     return np.fmax(padded[:-1], padded[1:])
 
 
-def _features(thumbnails: Array) -> Array:
+def _features(thumbnails: Floats) -> Floats:
     """(S, C, D) what tells images apart: each camera's thumbnails against their median over time."""
     count, cameras = thumbnails.shape[:2]
     with warnings.catch_warnings():
@@ -105,13 +105,13 @@ def _features(thumbnails: Array) -> Array:
     return (flat / np.maximum(scale, 1.0)).astype(np.float32)
 
 
-def _calm(values: Array) -> float:
+def _calm(values: Floats) -> float:
     """The motion below which _CALM of a camera's images are."""
     finite = values[np.isfinite(values)]
     return float(np.quantile(finite, _CALM)) if len(finite) else 0.0
 
 
-def _greatest_near(values: Array) -> Array:
+def _greatest_near(values: Floats) -> Floats:
     """Greatest value within _NEIGHBOURS before and after, along the first axis; nan counts as nothing."""
     filled = np.nan_to_num(values)
     padded = np.pad(filled, ((_NEIGHBOURS, _NEIGHBOURS), (0, 0)))

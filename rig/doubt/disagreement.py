@@ -6,8 +6,9 @@ from functools import lru_cache
 import numpy as np
 
 from quadrig.rig.result import Rig, ViewFit, placed_pose
+from quadrig.single.arrays import Floats
 from quadrig.single.lens import project_with_derivatives
-from quadrig.single.rotation import Array, cross_matrix
+from quadrig.single.rotation import cross_matrix
 
 # What blur, print and the grid of pixels do to a corner does not average out: no View is held to less than this, px.
 _LEAST_NOISE = 0.05
@@ -63,7 +64,7 @@ def _noise(rig: Rig) -> float:
     return max(rig.noise, _LEAST_NOISE) if np.isfinite(rig.noise) else 1.0
 
 
-def _own_step(rig: Rig, fit: ViewFit) -> tuple[Array, Array]:
+def _own_step(rig: Rig, fit: ViewFit) -> tuple[Floats, Floats]:
     """The step of camera_from_rect (6,) and its normal matrix (6, 6) in px^-2."""
     view = fit.view
     unknown = np.full(6, np.nan), np.full((6, 6), np.nan)

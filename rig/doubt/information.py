@@ -9,12 +9,13 @@ from collections.abc import Sequence
 import numpy as np
 
 from quadrig.rig.result import Camera
+from quadrig.single.arrays import Floats
 from quadrig.single.lens import LENS_PARAMETERS, LensModel, project_with_derivatives
 from quadrig.single.pose import Pose
-from quadrig.single.rotation import Array, cross_matrix
+from quadrig.single.rotation import cross_matrix
 
 
-def camera_derivatives(camera: Camera, points: Array) -> tuple[Array, Array, Array]:
+def camera_derivatives(camera: Camera, points: Floats) -> tuple[Floats, Floats, Floats]:
     """Pixels (..., 2) of points (..., 3) of the rig frame, by the camera (..., 2, 15) and by the point (..., 2, 3).
 
     Columns of lens parameters that are not free are zero. nan where the camera cannot see the point.
@@ -24,7 +25,7 @@ def camera_derivatives(camera: Camera, points: Array) -> tuple[Array, Array, Arr
     return tuple(one[0].reshape(*points.shape[:-1], *one.shape[2:]) for one in every)  # type: ignore[return-value]
 
 
-def derivatives_of_all(cameras: Sequence[Camera], points: Array) -> tuple[Array, Array, Array]:
+def derivatives_of_all(cameras: Sequence[Camera], points: Floats) -> tuple[Floats, Floats, Floats]:
     """What `camera_derivatives` says of the points (N, 3) for all cameras: (C, N, 2), (C, N, 2, 15), (C, N, 2, 3)."""
     poses, parameters = _stacked(cameras)
     arm = points - poses.translation[:, None]
@@ -43,7 +44,7 @@ def derivatives_of_all(cameras: Sequence[Camera], points: Array) -> tuple[Array,
     return pixels, by_camera, by_point
 
 
-def _stacked(cameras: Sequence[Camera]) -> tuple[Pose, Array]:
+def _stacked(cameras: Sequence[Camera]) -> tuple[Pose, Floats]:
     """rig_from_camera, a batch (C,), and lens parameters (C, 9)."""
     poses = Pose(
         np.stack([camera.rig_from_camera.rotation for camera in cameras]),
@@ -59,13 +60,15 @@ def _by_model(cameras: Sequence[Camera]) -> dict[LensModel, list[int]]:
     return rows
 
 
-def rectangle_derivatives(by_point: Array, rig_from_rect: Pose, points: Array) -> Array:
+def rectangle_derivatives(by_point: Floats, rig_from_rect: Pose, points: Floats) -> Floats:
     """By the step of rig_from_rect (..., P, 2, 6), of by_point (..., P, 2, 3) and the points (P, 3) it has."""
     arm = (rig_from_rect.rotation[..., None, :, :] @ points[..., None])[..., 0]
     return np.concatenate([-by_point @ cross_matrix(arm), by_point], axis=-1)
 
 
-def covariance_of(cameras: Sequence[Camera], information: Array, reference: str, prior: Array | None = None) -> Array:
+def covariance_of(
+    cameras: Sequence[Camera], information: Floats, reference: str, prior: Floats | None = None
+) -> Floats:
     """Covariance (15 C, 15 C) where the reference camera's pose is the rig frame; zero rows for what is not free.
 
     prior (9,): sigmas of the lens parameters before anything was seen (inf where nothing is known).
@@ -81,14 +84,14 @@ def covariance_of(cameras: Sequence[Camera], information: Array, reference: str,
     return covariance
 
 
-def scaled_inverse(matrix: Array) -> Array:
+def scaled_inverse(matrix: Floats) -> Floats:
     """Inverse of a symmetric matrix (N, N) whose rows have different units; what nothing tells of stays zero."""
     scale = np.sqrt(np.maximum(np.diag(matrix), 0))
     scale = np.where(scale > 0, scale, 1.0)
     return np.linalg.pinv(matrix / np.outer(scale, scale), hermitian=True) / np.outer(scale, scale)
 
 
-def triangulation_derivatives(cameras: Sequence[Camera], points: Array, sees: Array | None = None) -> Array:
+def triangulation_derivatives(cameras: Sequence[Camera], points: Floats, sees: Floats | None = None) -> Floats:
     """How triangulated points (N, 3) move with the cameras' parameters: (N, 3, 15 C).
 
     sees (C, N) bool: which camera takes part; where None, those into whose picture a point falls. nan for points that
@@ -108,7 +111,7 @@ def triangulation_derivatives(cameras: Sequence[Camera], points: Array, sees: Ar
     return result
 
 
-def visible(camera: Camera, points: Array, margin: float = 0.0) -> Array:
+def visible(camera: Camera, points: Floats, margin: float = 0.0) -> Floats:
     """Which points (..., 3) of the rig frame fall into the picture, `margin` px from its border. (...) bool."""
     pixels = camera.intrinsics.project(
         (points - camera.rig_from_camera.translation) @ camera.rig_from_camera.rotation
@@ -116,11 +119,11 @@ def visible(camera: Camera, points: Array, margin: float = 0.0) -> Array:
     return _in_picture(camera, pixels, margin)
 
 
-def _in_picture(camera: Camera, pixels: Array, margin: float = 0.0) -> Array:
+def _in_picture(camera: Camera, pixels: Floats, margin: float = 0.0) -> Floats:
     size = np.array([camera.intrinsics.width, camera.intrinsics.height])
     with np.errstate(invalid="ignore"):
         return ((pixels >= margin) & (pixels <= size - 1 - margin)).all(-1)
 
 
-def _free(camera: Camera) -> Array:
+def _free(camera: Camera) -> Floats:
     return np.array([name in camera.free_lens for name in LENS_PARAMETERS], float)

@@ -6,8 +6,8 @@ import numpy as np
 
 from quadrig.rig.doubt.information import camera_derivatives, rectangle_derivatives
 from quadrig.rig.result import CAMERA_PARAMETERS, Camera, Rig, ViewFit, placed_pose
+from quadrig.single.arrays import Floats
 from quadrig.single.pose import Pose
-from quadrig.single.rotation import Array
 
 
 def instances(rig: Rig) -> list[list[ViewFit]]:
@@ -28,7 +28,7 @@ def pose_of(rig: Rig, fit: ViewFit) -> Pose | None:
     return placed_pose(rig, fit.view.rectangle, fit.view.frameset)
 
 
-def rows_of(rig: Rig, cameras: Sequence[Camera], group: Sequence[ViewFit]) -> tuple[Array, Array, Array, Array]:
+def rows_of(rig: Rig, cameras: Sequence[Camera], group: Sequence[ViewFit]) -> tuple[Floats, Floats, Floats, Floats]:
     """Of all used pixels of one placed rectangle: by the cameras (M, 15 C), by the logarithm of its size (M,), by its
     pose (M, 6), and the residuals (M,) px.
 

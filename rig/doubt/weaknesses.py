@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from quadrig.rig.result import Camera, Rig, ViewFit
-from quadrig.single.rotation import Array
+from quadrig.single.arrays import Floats
 
 # Above this many per cent the focal is what limits distances that a camera tells.
 _VAGUE_FOCAL = 0.02
@@ -87,7 +87,7 @@ def _listed(parts: list[str]) -> str:
 
 def coverage(rig: Rig) -> dict[str, float]:
     """For each camera the share of the fields of a 4 x 4 grid over its picture in which corners were used."""
-    pixels: dict[str, list[Array]] = {camera.name: [np.zeros((0, 2))] for camera in rig.cameras}
+    pixels: dict[str, list[Floats]] = {camera.name: [np.zeros((0, 2))] for camera in rig.cameras}
     for fit in rig.fits:
         if fit.view.camera in pixels:
             pixels[fit.view.camera].append(fit.view.pixels[fit.used])

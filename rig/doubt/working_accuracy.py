@@ -6,13 +6,13 @@ import numpy as np
 
 from quadrig.rig.doubt.information import triangulation_derivatives
 from quadrig.rig.result import Camera, PlacedRectangle
-from quadrig.single.rotation import Array
+from quadrig.single.arrays import Floats
 
 # Points that stand for the volume: more change the root mean square by less than its second digit.
 _MOST_POINTS = 100
 
 
-def covered_points(rectangles: Sequence[PlacedRectangle]) -> Array:
+def covered_points(rectangles: Sequence[PlacedRectangle]) -> Floats:
     """Corners and middles (N, 3), rig frame, of the rectangles where they were seen: they span the covered volume."""
     parts = []
     for placed in rectangles:
@@ -27,7 +27,7 @@ def covered_points(rectangles: Sequence[PlacedRectangle]) -> Array:
     return points[np.linspace(0, len(points) - 1, _MOST_POINTS).round().astype(int)]
 
 
-def triangulation_shape(cameras: Sequence[Camera], points: Array) -> tuple[Array, Array]:
+def triangulation_shape(cameras: Sequence[Camera], points: Floats) -> tuple[Floats, Floats]:
     """Points (N', 3) that two cameras see, and how where the rig would triangulate them moves with the cameras'
     parameters (N', 3, 15 C), in the order of Rig.covariance.
 
@@ -41,7 +41,7 @@ def triangulation_shape(cameras: Sequence[Camera], points: Array) -> tuple[Array
     return points, derivatives - rigid_part(points, flat).reshape(derivatives.shape)
 
 
-def rigid_part(points: Array, motion: Array) -> Array:
+def rigid_part(points: Floats, motion: Floats) -> Floats:
     """What of a motion (3 N, K) of points is one rigid motion of all of them, by least squares."""
     arm = points - points.mean(axis=0) if len(points) else points
     basis = np.zeros((len(points), 3, 6))
@@ -54,7 +54,7 @@ def rigid_part(points: Array, motion: Array) -> Array:
     return orthogonal @ (orthogonal.T @ motion)
 
 
-def working_accuracy(cameras: Sequence[Camera], covariance: Array, points: Array) -> float:
+def working_accuracy(cameras: Sequence[Camera], covariance: Floats, points: Floats) -> float:
     """Sigma (m) of a triangulated point along its worst axis, root mean square over the points; nan for none."""
     if len(cameras) < 2 or not len(points):
         return float("nan")

@@ -13,9 +13,10 @@ from quadrig.rig.problem.build import Problem
 from quadrig.rig.problem.camera_input import CameraInput
 from quadrig.rig.result import CAMERA_PARAMETERS, Camera, PlacedRectangle, Rig, ViewFit
 from quadrig.rig.start.pose_graph import FirstRig
+from quadrig.single.arrays import Floats
 from quadrig.single.lens import LENS_PARAMETERS, Intrinsics, project
 from quadrig.single.pose import Pose
-from quadrig.single.rotation import Array, cross_matrix
+from quadrig.single.rotation import cross_matrix
 
 # Sigma of a focal, as a share of it, beyond which the Views cannot be said to tell it.
 _UNKNOWN_FOCAL = 0.2
@@ -42,7 +43,7 @@ def cameras_of(problem: Problem, joint: Joint) -> tuple[Camera, ...]:
     return tuple(cameras)
 
 
-def _clock_offsets(joint: Joint) -> Array:
+def _clock_offsets(joint: Joint) -> Floats:
     """Offsets (C,) s about their mean, zero for cameras whose clock nothing tells."""
     state = joint.adjustment.state
     if state.motion is None or state.offsets is None:
@@ -55,7 +56,7 @@ def _template(given: CameraInput) -> Intrinsics:
     return given.intrinsics or Intrinsics.centred(given.width, given.height, 1.0)
 
 
-def step_by_camera_twist(rig_from_camera: Pose) -> Array:
+def step_by_camera_twist(rig_from_camera: Pose) -> Floats:
     """Derivative (..., 6, 6) of the step of rig_from_camera by the twist of camera_from_rig @ exp(twist)."""
     result = np.zeros((*rig_from_camera.translation.shape[:-1], 6, 6))
     result[..., :3, :3] = result[..., 3:, 3:] = -np.eye(3)
@@ -63,7 +64,7 @@ def step_by_camera_twist(rig_from_camera: Pose) -> Array:
     return result
 
 
-def camera_covariance(joint: Joint) -> Array:
+def camera_covariance(joint: Joint) -> Floats:
     """Covariance (15 C, 15 C) as Rig.covariance has it: lenses, and steps of rig_from_camera."""
     cameras, size = joint.reduced.free.shape
     columns = joint.adjustment.columns
@@ -78,7 +79,7 @@ def camera_covariance(joint: Joint) -> Array:
     return result.transpose(1, 0, 2).reshape(total, total)
 
 
-def node_covariances(joint: Joint) -> Array:
+def node_covariances(joint: Joint) -> Floats:
     """Covariance (N, 6, 6) of every rectangle pose: its own Views' doubt, and what the cameras pass on to it."""
     tables, normal, reduced = joint.adjustment.layout, joint.adjustment.normal, joint.reduced
     cameras, size = reduced.free.shape
@@ -122,11 +123,11 @@ def rectangles_of(problem: Problem, joint: Joint, widening: float = 1.0) -> tupl
     return tuple(placed)
 
 
-def fits_of(problem: Problem, joint: Joint, reading: Array) -> tuple[ViewFit, ...]:
+def fits_of(problem: Problem, joint: Joint, reading: Floats) -> tuple[ViewFit, ...]:
     """Residuals of every View, and why those that were thrown out were."""
     state, observations = joint.predicted, joint.observations
-    used: list[Array] = [np.zeros(0, bool)] * len(problem.views)
-    residuals: list[Array] = [np.zeros((0, 2))] * len(problem.views)
+    used: list[Floats] = [np.zeros(0, bool)] * len(problem.views)
+    residuals: list[Floats] = [np.zeros((0, 2))] * len(problem.views)
     chained = state.camera_from_rect(observations)
     for group in observations.groups:
         pose = chained[group.view]
@@ -142,7 +143,7 @@ def fits_of(problem: Problem, joint: Joint, reading: Array) -> tuple[ViewFit, ..
     )
 
 
-def _why(problem: Problem, index: int, residuals: Array, joint: Joint) -> str:
+def _why(problem: Problem, index: int, residuals: Floats, joint: Joint) -> str:
     """Why a View was thrown out, or an empty string."""
     if not joint.judged.rejected[index]:
         return ""
@@ -181,11 +182,11 @@ class Squares:
     """Of every View: its camera (V,), the sum of squared residuals (V,) px^2 of the points that took part, and their
     number (V,); zero for Views that were thrown out."""
 
-    camera: Array
-    total: Array
-    points: Array
+    camera: Floats
+    total: Floats
+    points: Floats
 
-    def rms(self, chosen: Array | None = None) -> float:
+    def rms(self, chosen: Floats | None = None) -> float:
         """Root mean square length (px) of the residuals of all Views, or of those that are chosen; nan for none."""
         chosen = np.ones(len(self.total), bool) if chosen is None else chosen
         count = self.points[chosen].sum()
@@ -203,7 +204,7 @@ def squares_of(problem: Problem, joint: Joint) -> Squares:
 
 
 def with_figures(
-    cameras: tuple[Camera, ...], fit: Squares, left_out: Squares, covariance: Array
+    cameras: tuple[Camera, ...], fit: Squares, left_out: Squares, covariance: Floats
 ) -> tuple[Camera, ...]:
     """The cameras with RMS, counts, and whether their focal could be told."""
     result = []
@@ -226,7 +227,7 @@ def assemble_rig(
     problem: Problem,
     joint: Joint,
     first: FirstRig,
-    covariance: Array,
+    covariance: Floats,
     reference: str,
     missing: dict[str, str],
     order: list[str],
@@ -256,13 +257,13 @@ def assemble_rig(
     return replace(rig, weak=weaknesses(rig))
 
 
-def _reordered(covariance: Array, place: list[int]) -> Array:
+def _reordered(covariance: Floats, place: list[int]) -> Floats:
     size = len(covariance) // len(place)
     index = (np.array(place)[:, None] * size + np.arange(size)).ravel()
     return covariance[np.ix_(index, index)]
 
 
-def _told(squares: Array, fit: Squares) -> Squares:
+def _told(squares: Floats, fit: Squares) -> Squares:
     """Of Views left out of the fit, those that can be said."""
     told = np.isfinite(squares) & (fit.points > 0)
     return replace(fit, total=np.where(told, squares, 0.0), points=np.where(told, fit.points, 0))

@@ -17,7 +17,7 @@ from quadrig.rig.adjustment.schur import Reduced, block_matrix, eliminate, node_
 from quadrig.rig.joint.stages import Joint
 from quadrig.rig.problem.build import Problem
 from quadrig.rig.problem.observations import Observations
-from quadrig.single.rotation import Array
+from quadrig.single.arrays import Floats
 
 # Five folds leave four fifths to fit: near enough to the whole that the figure speaks of the rig that is delivered.
 _FOLDS = 5
@@ -31,7 +31,7 @@ class LeftOut:
     said. dispersion: the variance between the folds' cameras as a multiple of what noise explains, 1 on average where
     nothing else is at work, and its sigma then; 1 where there is one fold alone."""
 
-    squares: Array
+    squares: Floats
     dispersion: float = 1.0
     dispersion_sigma: float = 0.0
 
@@ -71,7 +71,7 @@ def leave_out(problem: Problem, joint: Joint) -> LeftOut:
     return LeftOut(squares * (joint.noise * problem.sigmas) ** 2 / problem.shares, *_dispersion(joint, own, count))
 
 
-def _folds(problem: Problem) -> Array:
+def _folds(problem: Problem) -> Floats:
     """The fold (N,) of each node: framesets in a row, about as many Views in each fold, still rectangles in turn."""
     frameset = np.array([node.frameset for node in problem.nodes], int)
     folds = np.zeros(len(frameset), int)
@@ -88,7 +88,7 @@ def _folds(problem: Problem) -> Array:
     return folds
 
 
-def _copied(observations: Observations, fold: Array, count: int) -> Observations:
+def _copied(observations: Observations, fold: Floats, count: int) -> Observations:
     return replace(
         observations,
         groups=(),
@@ -103,7 +103,7 @@ def _copied_state(state: State, count: int) -> State:
     return replace(state, lens=state.lens[cameras], camera_from_rig=state.camera_from_rig[cameras], offsets=offsets)
 
 
-def _steps_without(joint: Joint, own: Reduced, number: int, out: Array) -> Array:
+def _steps_without(joint: Joint, own: Reduced, number: int, out: Floats) -> Floats:
     """Steps (C, M) of the cameras when the Views `out` (V,) of a fold are taken from the fit; nan if they must stay.
 
     own: the folds' reduced systems, of which this fold's is taken off the whole.

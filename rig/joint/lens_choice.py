@@ -18,8 +18,8 @@ from quadrig.rig.joint.principal_point import PRINCIPAL_SIGMA, learned_sigma
 from quadrig.rig.problem.build import Problem
 from quadrig.rig.problem.camera_input import LensChoice
 from quadrig.rig.problem.observations import Observations
+from quadrig.single.arrays import Floats
 from quadrig.single.lens import LENS_PARAMETERS
-from quadrig.single.rotation import Array
 
 _NEUTRAL = np.array([0, 0, 0, 0, 0, 0, 0, 0, 1.0])
 
@@ -63,17 +63,17 @@ class LensChoices:
     parameters that are not free at their prior mean, and all others where Newton's step takes them then.
     """
 
-    free: Array
+    free: Floats
     reasons: tuple[str, ...]
     principal_sigma: float
     state: State
 
 
-def _mask(names: tuple[str, ...]) -> Array:
+def _mask(names: tuple[str, ...]) -> Floats:
     return np.array([name in names for name in LENS_PARAMETERS])
 
 
-def starting_lenses(problem: Problem) -> Array:
+def starting_lenses(problem: Problem) -> Floats:
     """The parameters (C, 9) bool that the first joint adjustment frees: what was asked for, or focal, principal
     point and two radial terms."""
     free = np.zeros((len(problem.cameras), 9), bool)
@@ -124,7 +124,7 @@ def _times(odds: float) -> str:
     return f"{np.exp(odds):.0f}" if odds < 7 else f"e^{odds:.0f}"
 
 
-def _straight_odds(state: State, step: Array, covariance: Array, freedom: Freedom, automatic: list[int]) -> float:
+def _straight_odds(state: State, step: Floats, covariance: Floats, freedom: Freedom, automatic: list[int]) -> float:
     """Log odds of no distortion in any of the cameras against two radial terms in each."""
     size = covariance.shape[0] // len(state.lens)
     away = state.lens + step[:, :9] - _NEUTRAL
@@ -137,7 +137,7 @@ def _straight_odds(state: State, step: Array, covariance: Array, freedom: Freedo
     return (scores[0] - scores[1]) / 2
 
 
-def _principal_sigma(problem: Problem, away: Array, covariance: Array, free: Array, opened: Array) -> float:
+def _principal_sigma(problem: Problem, away: Floats, covariance: Floats, free: Floats, opened: Floats) -> float:
     """Width of the prior of principal points under the lenses that were chosen.
 
     away (C, 9), covariance (C, 9, C, 9): the posterior with all of `opened` free, of which only `free` stay.
@@ -157,12 +157,12 @@ def _principal_sigma(problem: Problem, away: Array, covariance: Array, free: Arr
     return learned_sigma(offset, own, size)
 
 
-def _cost_of_neutral(away: Array, covariance: Array, prior_variance: Array) -> float:
+def _cost_of_neutral(away: Floats, covariance: Floats, prior_variance: Floats) -> float:
     """Minus twice the log Bayes factor for parameters at their neutral values (Savage and Dickey)."""
     return float(_costs_of_neutral(away, covariance, prior_variance, np.ones((1, len(away)), bool))[0])
 
 
-def _costs_of_neutral(away: Array, covariance: Array, prior_variance: Array, out: Array) -> Array:
+def _costs_of_neutral(away: Floats, covariance: Floats, prior_variance: Floats, out: Floats) -> Floats:
     """The same (M,) for those parameters (M, K) bool alone that a model does without."""
     both = out[:, :, None] & out[:, None, :]
     # Parameters that stay are unit rows: they add nothing to determinant or distance.
@@ -173,7 +173,7 @@ def _costs_of_neutral(away: Array, covariance: Array, prior_variance: Array, out
     return squares + log_determinant - np.where(out, np.log(prior_variance), 0.0).sum(axis=1)
 
 
-def _held_at(step: Array, covariance: Array, held: Array, value: Array) -> Array:
+def _held_at(step: Floats, covariance: Floats, held: Floats, value: Floats) -> Floats:
     """Newton's step (C, M) with some elements `held` (C, M) bool at a value (C, M): the others, given these."""
     index, step = np.flatnonzero(held), step.copy()
     if len(index):
@@ -183,12 +183,12 @@ def _held_at(step: Array, covariance: Array, held: Array, value: Array) -> Array
     return step
 
 
-def _steps(masks: Array) -> Array:
+def _steps(masks: Floats) -> Floats:
     """How many times a lens (M, 9) was made more complex: radial pair, tangential pair, a further term, aspect."""
     return masks[:, [LENS_PARAMETERS.index(name) for name in ("k1", "p1", "k3", "aspect")]].sum(axis=1)
 
 
-def _choose(away: Array, covariance: Array, prior_variance: Array, fisheye: bool) -> tuple[Array, str]:
+def _choose(away: Floats, covariance: Floats, prior_variance: Floats, fisheye: bool) -> tuple[Floats, str]:
     """The model of highest evidence, and why. away (9,): from neutral; prior_variance (6,): of k1 to aspect."""
     names, masks = _models(fisheye)
     costs = _costs_of_neutral(away[3:], covariance[3:, 3:], prior_variance, ~masks[:, 3:])
@@ -200,7 +200,7 @@ def _choose(away: Array, covariance: Array, prior_variance: Array, fisheye: bool
 
 
 @cache
-def _models(fisheye: bool) -> tuple[tuple[str, ...], Array]:
+def _models(fisheye: bool) -> tuple[tuple[str, ...], Floats]:
     """Names and parameters (M, 9) bool of the lenses to choose from, the simplest first."""
     models = _FISHEYE_MODELS if fisheye else _PINHOLE_MODELS
     names = [(label, ()) for label in models] + [(label, ("aspect",)) for label in models]

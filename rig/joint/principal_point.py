@@ -6,7 +6,7 @@ them within a pixel or so of the middle is a coincidence that only the second ex
 
 import numpy as np
 
-from quadrig.single.rotation import Array
+from quadrig.single.arrays import Floats
 
 # Principal points of lenses people use lie this far from the middle (root mean square), as a share of the larger
 # side: measured on webcams (1.7 %), machine-vision cameras (3 %) and GoPros (0.5 %).
@@ -17,7 +17,7 @@ _EXACT_SIGMA = 0.0002
 _CONVINCING = 3.0
 
 
-def learned_sigma(offset: Array, covariance: Array, size: Array) -> float:
+def learned_sigma(offset: Floats, covariance: Floats, size: Floats) -> float:
     """Width of the prior of principal points, as a share of the image's larger side: the usual, or next to nothing.
 
     offset (M,) px from the middles, covariance (M, M): the posterior under the usual width; size (M,) px: the larger
@@ -31,7 +31,7 @@ def learned_sigma(offset: Array, covariance: Array, size: Array) -> float:
     return _EXACT_SIGMA if gain > _CONVINCING else PRINCIPAL_SIGMA
 
 
-def _evidence(data: Array, pull: Array, sigma: float) -> float:
+def _evidence(data: Floats, pull: Floats, sigma: float) -> float:
     """Log probability of the data, but for a constant, under a prior of that width."""
     posterior = data + np.eye(len(data)) / sigma**2
     sign, log_determinant = np.linalg.slogdet(posterior)

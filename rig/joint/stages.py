@@ -17,7 +17,7 @@ from quadrig.rig.problem.build import Problem, components
 from quadrig.rig.problem.observations import Observations
 from quadrig.rig.start.lenses_and_poses import Start
 from quadrig.rig.start.pose_graph import FirstRig
-from quadrig.single.rotation import Array
+from quadrig.single.arrays import Floats
 
 # A fit that others follow is good enough once a step would lower chi-square by this little: a sigma.
 _ROUGH = 1.0
@@ -65,7 +65,7 @@ class Joint:
     freedom: Freedom
     judged: Judged
     noise: float
-    covariance: Array
+    covariance: Floats
     reduced: Reduced
     choices: LensChoices
     costs: tuple[float, ...]
@@ -76,9 +76,9 @@ def solve_jointly(
     problem: Problem,
     begin: Start,
     first: FirstRig,
-    standing: Array,
+    standing: Floats,
     fixed_node: int | None = None,
-    offsets: Array | None = None,
+    offsets: Floats | None = None,
 ) -> Joint:
     """Adjust everything at once. The cameras that are standing (C,) bool keep their poses, and so does fixed_node:
     one of them at least holds the rig frame. offsets (C,) s: of the clocks, where they are known to differ."""
@@ -141,7 +141,7 @@ def _at_noise(used: Observations, found: Adjustment, freedom: Freedom, before: f
     return with_noise(found, used, freedom, before, after)
 
 
-def _outvoted(problem: Problem, observations: Observations, judged: Judged, share: float) -> Array:
+def _outvoted(problem: Problem, observations: Observations, judged: Judged, share: float) -> Floats:
     """Cameras (C,) bool that lost more than a share of their Views: sound by themselves, at odds with the others.
 
     Only of rectangles that move: what stands still looks the same at every instant, and no clock explains it.
@@ -229,7 +229,7 @@ def _with_still_clocks(used: Observations, state: State, freedom: Freedom, noise
 
 
 def _judge(
-    observations: Observations, squares: tuple[Array, ...], state: State, freedom: Freedom, noise: float
+    observations: Observations, squares: tuple[Floats, ...], state: State, freedom: Freedom, noise: float
 ) -> Judged:
     """Corners by their residual, and Views of moving rectangles by how far they stray."""
     judged = judge(observations, squares, noise)
@@ -242,12 +242,12 @@ def _judge(
     return Judged(tuple(weights), judged.rejected | stray)
 
 
-def _changeable(problem: Problem) -> Array:
+def _changeable(problem: Problem) -> Floats:
     """(C, 1) bool: cameras whose lens is estimated; a lens that is kept keeps all its numbers."""
     return np.array([[not c.fixed] for c in problem.cameras])
 
 
-def _priors(problem: Problem, begin: Start, principal_sigma: float) -> tuple[Array, Array]:
+def _priors(problem: Problem, begin: Start, principal_sigma: float) -> tuple[Floats, Floats]:
     """Prior mean and information (C, 9); a focal is known to its own size, which counts where no View tells it."""
     mean, information = prior(problem, principal_sigma)
     mean[:, 0], information[:, 0] = begin.lens[:, 0], 1 / begin.lens[:, 0] ** 2
@@ -258,7 +258,7 @@ def _freedom(
     problem: Problem,
     observations: Observations,
     begin: Start,
-    standing: Array,
+    standing: Floats,
     fixed_node: int | None,
 ) -> Freedom:
     mean, information = _priors(problem, begin, PRINCIPAL_SIGMA)
@@ -292,7 +292,7 @@ def _noise(adjustment: Adjustment, used: Observations, freedom: Freedom, noise: 
     return noise_of(*left_over(adjustment, used, freedom, noise, covariance))
 
 
-def _seen(used: Observations) -> Array:
+def _seen(used: Observations) -> Floats:
     """Which rectangle poses (N,) a View that carries weight shows."""
     seen = np.zeros(used.nodes, bool)
     for group in used.groups:
@@ -301,7 +301,7 @@ def _seen(used: Observations) -> Array:
 
 
 def left_over(
-    adjustment: Adjustment, used: Observations, freedom: Freedom, noise: float, covariance: Array
+    adjustment: Adjustment, used: Observations, freedom: Freedom, noise: float, covariance: Floats
 ) -> tuple[float, float]:
     """Sum of the weighted squared residuals (px^2) of a fit made with that noise, and its degrees of freedom, where
     parameters that a prior holds count for less than one. covariance (C M, C M): of the cameras, for that noise."""

@@ -9,9 +9,9 @@ import numpy as np
 
 from quadrig.rig.problem.camera_input import CameraInput
 from quadrig.rig.problem.observations import Observations, pack
+from quadrig.single.arrays import Floats
 from quadrig.single.errors import QuadrigError
 from quadrig.single.rectangle import Rectangle
-from quadrig.single.rotation import Array
 from quadrig.single.view import View
 
 # The random part of a corner's error is about as large as the systematic one: more repeats than this win nothing.
@@ -39,23 +39,23 @@ class Problem:
     rectangles: dict[str, Rectangle]
     views: tuple[View, ...]
     nodes: tuple[Node, ...]
-    camera: Array
-    node: Array
+    camera: Floats
+    node: Floats
 
-    def points(self, view: int, reading: int = 0) -> Array:
+    def points(self, view: int, reading: int = 0) -> Floats:
         """Points (P, 3) of a View's reading in the frame of its node: the rectangle's own, or the world's."""
         rectangle = self.rectangles[self.views[view].rectangle]
         points = self.views[view].readings[reading]
         return points if rectangle.world_from_rect is None else rectangle.world_from_rect.transform(points)
 
     @cached_property
-    def sigmas(self) -> Array:
+    def sigmas(self) -> Floats:
         """Sigma (V,) of each View as a multiple of the median one: how sure corners are is learned from the data."""
         told = np.array([view.sigma for view in self.views])
         return told / np.median(told) if len(told) else told
 
     @cached_property
-    def shares(self) -> Array:
+    def shares(self) -> Floats:
         """What each View (V,) counts for: less than one where a still camera sees a still rectangle again and again.
 
         Repeats average out what is random in a corner, not what is systematic (blur, print, the grid of pixels).
@@ -67,7 +67,7 @@ class Problem:
         repeats = count[inverse]
         return np.minimum(repeats, _MOST_REPEATS) / repeats
 
-    def observations(self, readings: Array | None = None) -> Observations:
+    def observations(self, readings: Floats | None = None) -> Observations:
         """The Views as arrays, each in the reading (V,) that is chosen."""
         chosen = np.zeros(len(self.views), int) if readings is None else readings
         return pack(
@@ -81,7 +81,7 @@ class Problem:
             len(self.nodes),
         )
 
-    def restricted(self, views: Array) -> "Problem":
+    def restricted(self, views: Floats) -> "Problem":
         """The same problem with some of the Views (indices), and only the nodes that these see."""
         return _problem(self.cameras, self.rectangles, [self.views[i] for i in views])
 
@@ -102,7 +102,7 @@ def build_problem(cameras: Sequence[CameraInput], rectangles: Sequence[Rectangle
     return _problem(tuple(sorted(cameras, key=lambda c: c.name)), by_name, usable)
 
 
-def components(problem: Problem, views: Array | None = None) -> list[list[int]]:
+def components(problem: Problem, views: Floats | None = None) -> list[list[int]]:
     """Cameras (indices) that rectangles join, directly or through others; largest group first. views (indices): those
     that count, all where None."""
     from scipy.sparse import coo_array

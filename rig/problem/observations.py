@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from quadrig.single.arrays import Floats
 from quadrig.single.lens import LensModel
-from quadrig.single.rotation import Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -18,16 +18,16 @@ class ObservationGroup:
     coordinate, zero where padded or left out. share (V,): what a View counts for, below one where it repeats others.
     """
 
-    view: Array
-    camera: Array
-    node: Array
-    points: Array
-    pixels: Array
-    weights: Array
-    share: Array
+    view: Floats
+    camera: Floats
+    node: Floats
+    points: Floats
+    pixels: Floats
+    weights: Floats
+    share: Floats
     model: LensModel
 
-    def part(self, rows: slice | Array) -> "ObservationGroup":
+    def part(self, rows: slice | Floats) -> "ObservationGroup":
         """Some of the Views."""
         arrays = (self.view, self.camera, self.node, self.points, self.pixels, self.weights, self.share)
         return ObservationGroup(*(each[rows] for each in arrays), self.model)
@@ -42,7 +42,7 @@ class ObservationGroup:
             yield self.part(slice(begin, begin + step))
 
     @property
-    def certainty(self) -> Array:
+    def certainty(self) -> Floats:
         """1/sigma^2 (V, P) of a pixel coordinate by itself, zero where padded or left out."""
         return self.weights / self.share[:, None]
 
@@ -52,17 +52,17 @@ class Observations:
     """All Views of a problem. camera, node (V,) say what each View joins; there are `cameras` and `nodes` of them."""
 
     groups: tuple[ObservationGroup, ...]
-    camera: Array
-    node: Array
+    camera: Floats
+    node: Floats
     cameras: int
     nodes: int
 
-    def with_weights(self, weights: Sequence[Array]) -> "Observations":
+    def with_weights(self, weights: Sequence[Floats]) -> "Observations":
         """The same Views with other weights, one array a group."""
         groups = tuple(replace(g, weights=w) for g, w in zip(self.groups, weights, strict=True))
         return Observations(groups, self.camera, self.node, self.cameras, self.nodes)
 
-    def only(self, chosen: Array) -> "Observations":
+    def only(self, chosen: Floats) -> "Observations":
         """The chosen (V,) Views alone; all keep their numbers."""
         groups = []
         for g in self.groups:
@@ -97,12 +97,12 @@ def _thinned(group: ObservationGroup, most: int) -> ObservationGroup:
 
 
 def pack(
-    points: Sequence[Array],
-    pixels: Sequence[Array],
-    sigma: Array,
-    share: Array,
-    camera: Array,
-    node: Array,
+    points: Sequence[Floats],
+    pixels: Sequence[Floats],
+    sigma: Floats,
+    share: Floats,
+    camera: Floats,
+    node: Floats,
     models: Sequence[LensModel],
     nodes: int,
 ) -> Observations:
@@ -119,22 +119,22 @@ def pack(
     return Observations(tuple(groups), np.asarray(camera), np.asarray(node), len(models), nodes)
 
 
-def _padded_sizes(sizes: Array) -> Array:
+def _padded_sizes(sizes: Floats) -> Floats:
     """Each size up to the next of 4, 8, 16, 32, ... but never past the largest, so that full boards waste nothing."""
     powers = 4 * 2 ** np.ceil(np.log2(np.maximum(sizes, 4) / 4)).astype(int)
     return np.minimum(powers, sizes.max())
 
 
 def _group(
-    view: Array,
+    view: Floats,
     size: int,
-    points: Sequence[Array],
-    pixels: Sequence[Array],
-    sigma: Array,
-    share: Array,
-    sizes: Array,
-    camera: Array,
-    node: Array,
+    points: Sequence[Floats],
+    pixels: Sequence[Floats],
+    sigma: Floats,
+    share: Floats,
+    sizes: Floats,
+    camera: Floats,
+    node: Floats,
     model: LensModel,
 ) -> ObservationGroup:
     own = sizes[view][:, None]

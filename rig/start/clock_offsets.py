@@ -12,7 +12,7 @@ import numpy as np
 
 from quadrig.rig.adjustment.motion import LONGEST_GAP
 from quadrig.rig.problem.build import Problem
-from quadrig.single.rotation import Array
+from quadrig.single.arrays import Floats
 from quadrig.single.view import View
 
 # Clocks further apart than this (s) are not two clocks of one recording.
@@ -35,10 +35,10 @@ class InStep:
     later than stamps."""
 
     views: tuple[View, ...]
-    offsets: Array
+    offsets: Floats
 
 
-def in_step(problem: Problem, offsets: Array, noise: float) -> InStep | None:
+def in_step(problem: Problem, offsets: Floats, noise: float) -> InStep | None:
     """The Views grouped by these offsets (C,) s; None where framesets show one instant, to the noise (px)."""
     times = np.array([view.time for view in problem.views])
     tracks = _tracks(problem)
@@ -51,7 +51,7 @@ def in_step(problem: Problem, offsets: Array, noise: float) -> InStep | None:
     return InStep(_regrouped(problem, np.concatenate(list(tracks.values())), true, times), offsets)
 
 
-def path_offsets(problem: Problem, places: Array) -> Array:
+def path_offsets(problem: Problem, places: Floats) -> Floats:
     """Offsets (C,) s that the paths tell: to some ms, worse where lenses are not known yet.
 
     places (V, 3): of each View's rectangle in its camera, m.
@@ -60,7 +60,7 @@ def path_offsets(problem: Problem, places: Array) -> Array:
     return _offsets(_tracks(problem), times, places, len(problem.cameras))
 
 
-def _instants(problem: Problem, times: Array) -> Array:
+def _instants(problem: Problem, times: Floats) -> Floats:
     """Mean stamp (V,) of the frameset of each View."""
     _, frameset = np.unique([view.frameset for view in problem.views], return_inverse=True)
     stamped = np.isfinite(times)
@@ -68,7 +68,7 @@ def _instants(problem: Problem, times: Array) -> Array:
         return (np.bincount(frameset, np.where(stamped, times, 0.0)) / np.bincount(frameset, stamped))[frameset]
 
 
-def _regrouped(problem: Problem, moving: Array, true: Array, times: Array) -> tuple[View, ...]:
+def _regrouped(problem: Problem, moving: Floats, true: Floats, times: Floats) -> tuple[View, ...]:
     """All Views, those moving (indices) in the frameset that is nearest to when they were taken; of two Views of one
     camera and rectangle in one frameset the nearer."""
     framesets, first = np.unique([view.frameset for view in problem.views], return_index=True)
@@ -93,7 +93,7 @@ def _regrouped(problem: Problem, moving: Array, true: Array, times: Array) -> tu
     return tuple(views.values())
 
 
-def _speeds(problem: Problem, tracks: dict[tuple[int, str], Array], times: Array) -> Array:
+def _speeds(problem: Problem, tracks: dict[tuple[int, str], Floats], times: Floats) -> Floats:
     """Speed (V,) of each View's middle in the image, px/s; 0 where it has no track."""
     speeds = np.zeros(len(times))
     for members in tracks.values():
@@ -103,7 +103,7 @@ def _speeds(problem: Problem, tracks: dict[tuple[int, str], Array], times: Array
     return speeds
 
 
-def _tracks(problem: Problem) -> dict[tuple[int, str], Array]:
+def _tracks(problem: Problem) -> dict[tuple[int, str], Floats]:
     """Views of each camera and moving rectangle whose stamps rise, in that order."""
     tracks: dict[tuple[int, str], list[int]] = {}
     for index, view in enumerate(problem.views):
@@ -118,7 +118,7 @@ def _tracks(problem: Problem) -> dict[tuple[int, str], Array]:
     return ordered
 
 
-def _offsets(tracks: dict[tuple[int, str], Array], times: Array, places: Array, cameras: int) -> Array:
+def _offsets(tracks: dict[tuple[int, str], Floats], times: Floats, places: Floats, cameras: int) -> Floats:
     """Offsets (C,) s, of mean zero over the cameras that share a path, from those of all pairs."""
     rows, right = [], []
     keys = list(tracks)
@@ -137,7 +137,9 @@ def _offsets(tracks: dict[tuple[int, str], Array], times: Array, places: Array, 
     return np.linalg.lstsq(np.array(rows), np.array(right), rcond=1e-9)[0] if rows else np.zeros(cameras)
 
 
-def _offset_between(time: Array, place: Array, other_time: Array, other_place: Array) -> tuple[float, float] | None:
+def _offset_between(
+    time: Floats, place: Floats, other_time: Floats, other_place: Floats
+) -> tuple[float, float] | None:
     """What to add to the times of one path to have those of the other, s, with its sigma; None where untold."""
     best = 0.0
     for step in _STEPS:
@@ -159,7 +161,7 @@ def _offset_between(time: Array, place: Array, other_time: Array, other_place: A
     return (offset if told else 0.0), sigma
 
 
-def _apart(time: Array, place: Array, other_time: Array, other_place: Array) -> float:
+def _apart(time: Floats, place: Floats, other_time: Floats, other_place: Floats) -> float:
     """Mean squared distance (m^2) of two paths after the best affine map, which forgives lenses known roughly; nan
     where they share too little."""
     after = np.searchsorted(other_time, time)

@@ -14,10 +14,11 @@ from quadrig.rig.adjustment.outliers import USUAL_NOISE, robust_noise
 from quadrig.rig.adjustment.priors import ENOUGH_POINTS, LEAST_NOISE, ROUGH, prior
 from quadrig.rig.problem.build import Problem
 from quadrig.rig.problem.observations import Observations, pack
+from quadrig.single.arrays import Floats
 from quadrig.single.lens import image_middle, unproject
 from quadrig.single.pose import Pose, compose_jacobians
 from quadrig.single.rectangle import rectangle_corners
-from quadrig.single.rotation import Array, nearest_rotation
+from quadrig.single.rotation import nearest_rotation
 from quadrig.single.solve.closed_form import closed_form
 from quadrig.single.solve.corners import Reason
 from quadrig.single.solve.homography import homographies
@@ -46,18 +47,18 @@ class Candidates:
     cost (K,): chi-square above the View's likeliest candidate.
     """
 
-    view: Array
-    reading: Array
+    view: Floats
+    reading: Floats
     camera_from_node: Pose
-    covariance: Array
-    cost: Array
+    covariance: Floats
+    cost: Floats
 
 
 @dataclass(frozen=True, eq=False)
 class Start:
     """Lenses (C, 9), candidates of every View, and the noise (px) seen so far."""
 
-    lens: Array
+    lens: Floats
     candidates: Candidates
     noise: float
 
@@ -87,7 +88,7 @@ def _alone(problem: Problem) -> Observations:
     )
 
 
-def _first_lenses(problem: Problem, observations: Observations) -> Array:
+def _first_lenses(problem: Problem, observations: Observations) -> Floats:
     """Lenses (C, 9): given ones as they are, others with the weighted median focal of their Views in closed form."""
     middles = np.array([image_middle(c.width, c.height) for c in problem.cameras]).reshape(-1, 2)
     larger = np.array([max(c.width, c.height) for c in problem.cameras], float)
@@ -109,7 +110,7 @@ def _first_lenses(problem: Problem, observations: Observations) -> Array:
     return lens
 
 
-def _focals(points: Array, pixels: Array, weights: Array, middle: Array) -> tuple[Array, Array]:
+def _focals(points: Floats, pixels: Floats, weights: Floats, middle: Floats) -> tuple[Floats, Floats]:
     """Focal (V,) of each View and its weight, zero where the View cannot tell."""
     homography = homographies(points[..., :2], pixels, weights)
     low, high = points[..., :2].min(axis=1), points[..., :2].max(axis=1)
@@ -125,13 +126,13 @@ def _focals(points: Array, pixels: Array, weights: Array, middle: Array) -> tupl
     return found.focal, np.where(tells & np.isfinite(weight) & np.isfinite(found.focal), weight, 0.0)
 
 
-def _weighted_median(values: Array, weights: Array) -> float:
+def _weighted_median(values: Floats, weights: Floats) -> float:
     order = np.argsort(values, kind="stable")
     cumulative = np.cumsum(weights[order])
     return float(values[order][np.searchsorted(cumulative, cumulative[-1] / 2)])
 
 
-def _both_poses(observations: Observations, lens: Array) -> tuple[Pose, Array]:
+def _both_poses(observations: Observations, lens: Floats) -> tuple[Pose, Floats]:
     """Both twins camera_from_rect of every View, a batch (V, 2), and their errors (V, 2) in the plane z = 1."""
     count = len(observations.camera)
     rotation, translation = np.tile(np.eye(3), (count, 2, 1, 1)), np.zeros((count, 2, 3))
@@ -163,14 +164,14 @@ class _Alone:
     """Each camera by itself: lenses (C, 9), noise (px), and of every View its pose, a batch (V,), the pose's
     covariance (V, 6, 6) for its lens, and chi-square (V,)."""
 
-    lens: Array
+    lens: Floats
     noise: float
     camera_from_rect: Pose
-    covariance: Array
-    cost: Array
+    covariance: Floats
+    cost: Floats
 
 
-def _refine(problem: Problem, observations: Observations, lens: Array, poses: Pose, errors: Array) -> _Alone:
+def _refine(problem: Problem, observations: Observations, lens: Floats, poses: Pose, errors: Floats) -> _Alone:
     """Joint fit of each camera's focal and first distortion over its Views, poses following."""
     cameras = len(problem.cameras)
     open_lens = np.array([not c.fixed for c in problem.cameras])
@@ -192,13 +193,13 @@ def _refine(problem: Problem, observations: Observations, lens: Array, poses: Po
     return _Alone(found.state.lens, seen, found.state.rig_from_rect, covariance, cost)
 
 
-def _by_themselves(lens: Array, poses: Pose) -> State:
+def _by_themselves(lens: Floats, poses: Pose) -> State:
     """Cameras (C,) that are each the rig frame, and poses camera_from_rect of all Views (V,)."""
     cameras = len(lens)
     return State(lens, Pose(np.tile(np.eye(3), (cameras, 1, 1)), np.zeros((cameras, 3))), poses)
 
 
-def _own_doubt(gram: Array, cost: Array) -> tuple[Array, Array]:
+def _own_doubt(gram: Floats, cost: Floats) -> tuple[Floats, Floats]:
     """Covariance (V, 6, 6) of poses of which the normal matrices are given, and chi-square (V,).
 
     A View of no information (all points behind) gets a doubt that no vote will count.
@@ -207,7 +208,7 @@ def _own_doubt(gram: Array, cost: Array) -> tuple[Array, Array]:
     return np.linalg.inv(gram + _LEAST_INFORMATION * np.eye(6)), np.where(behind, np.inf, cost)
 
 
-def _chi_squares(observations: Observations, squares: tuple[Array, ...], noise: float) -> Array:
+def _chi_squares(observations: Observations, squares: tuple[Floats, ...], noise: float) -> Floats:
     """Chi-square (V,) of each View from its squared residuals; infinite for Views that are not among these."""
     cost = np.full(len(observations.camera), np.inf)
     for group, square in zip(observations.groups, squares, strict=True):
@@ -215,7 +216,9 @@ def _chi_squares(observations: Observations, squares: tuple[Array, ...], noise: 
     return cost
 
 
-def _candidates(problem: Problem, observations: Observations, alone: _Alone, twin: Pose, errors: Array) -> Candidates:
+def _candidates(
+    problem: Problem, observations: Observations, alone: _Alone, twin: Pose, errors: Floats
+) -> Candidates:
     """First candidates, twins that cannot be excluded, and the turned readings of both."""
     count = len(problem.views)
     views, none = np.arange(count), np.zeros(count, int)
@@ -251,10 +254,12 @@ def _candidates(problem: Problem, observations: Observations, alone: _Alone, twi
     )
 
 
-_Part = tuple[Array, Array, Pose, Array, Array]
+_Part = tuple[Floats, Floats, Pose, Floats, Floats]
 
 
-def _refined_twins(observations: Observations, alone: _Alone, twin: Pose, weak: Array) -> tuple[Pose, Array, Array]:
+def _refined_twins(
+    observations: Observations, alone: _Alone, twin: Pose, weak: Floats
+) -> tuple[Pose, Floats, Floats]:
     """Twins of the weak Views (indices) fitted, all with their covariance (V, 6, 6) and chi-square (V,)."""
     chosen = np.zeros(observations.nodes, bool)
     chosen[weak] = True
@@ -275,7 +280,7 @@ def _refined_twins(observations: Observations, alone: _Alone, twin: Pose, weak: 
     return best, *_own_doubt(gram, cost)
 
 
-def _differs(first: Pose, other: Pose, covariance: Array) -> Array:
+def _differs(first: Pose, other: Pose, covariance: Floats) -> Floats:
     """Which poses (V,) are further apart than their own doubt: the others are one candidate, found twice."""
     step = first.step_to(other)
     return np.einsum("vi,vij,vj->v", step, np.linalg.inv(covariance), step) > 9.0
@@ -298,7 +303,7 @@ def _turned(problem: Problem, parts: list[_Part]) -> list[_Part]:
     return turned
 
 
-def _turn(from_points: Array, to_points: Array) -> Pose:
+def _turn(from_points: Floats, to_points: Floats) -> Pose:
     """The rigid motion of the plane that takes one reading's points to another's (Kabsch 1976)."""
     a, b = from_points - from_points.mean(axis=0), to_points - to_points.mean(axis=0)
     correlation = b.T @ a

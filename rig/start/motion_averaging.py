@@ -6,8 +6,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from quadrig.single.arrays import Floats
 from quadrig.single.pose import Pose
-from quadrig.single.rotation import Array, cross_matrix
+from quadrig.single.rotation import cross_matrix
 
 if TYPE_CHECKING:
     import scipy.sparse
@@ -61,7 +62,7 @@ def average(camera_from_rig: Pose, relatives: "Sequence[Relative]", reference: i
     return camera_from_rig
 
 
-def _block_matrix(blocks: Array, place: tuple[Array, Array], shape: tuple[int, int]) -> "scipy.sparse.csr_array":
+def _block_matrix(blocks: Floats, place: tuple[Floats, Floats], shape: tuple[int, int]) -> "scipy.sparse.csr_array":
     """Sparse matrix of 6x6 blocks (B, 6, 6) at block rows and columns (B,)."""
     from scipy.sparse import coo_array
 

@@ -12,8 +12,9 @@ import numpy as np
 from quadrig.rig.problem.build import Problem
 from quadrig.rig.start.lenses_and_poses import Candidates
 from quadrig.rig.start.motion_averaging import Relative, average
+from quadrig.single.arrays import Floats
 from quadrig.single.pose import Pose
-from quadrig.single.rotation import Array, nearest_rotation
+from quadrig.single.rotation import nearest_rotation
 
 # What a first lens leaves wrong in a pose, beside its noise: radians, and a share of the distance. Lenses are good
 # to about this much after the cameras were calibrated each by itself.
@@ -34,10 +35,10 @@ class FirstRig:
     """
 
     camera_from_rig: Pose
-    connected: Array
+    connected: Floats
     rig_from_node: Pose
-    reading: Array
-    agrees: Array
+    reading: Floats
+    agrees: Floats
     relatives: tuple[Relative, ...]
 
 
@@ -51,7 +52,7 @@ def first_rig(problem: Problem, candidates: Candidates, reference: int) -> First
     return FirstRig(camera_from_rig, connected, rig_from_node, reading, agrees, tuple(relatives))
 
 
-def _sigmas(candidates: Candidates) -> tuple[Array, Array]:
+def _sigmas(candidates: Candidates) -> tuple[Floats, Floats]:
     """Sigma of rotation (rad) and of translation (m) of each candidate, with what the lens leaves wrong."""
     variance = np.einsum("kii->ki", candidates.covariance)
     distance = np.linalg.norm(candidates.camera_from_node.translation, axis=-1)
@@ -82,7 +83,7 @@ def _relatives(problem: Problem, candidates: Candidates) -> list[Relative]:
 
 
 def _rows_of_first_view(
-    candidates: Candidates, node: Array, camera: Array, sigma: Array, nodes: int
+    candidates: Candidates, node: Floats, camera: Floats, sigma: Floats, nodes: int
 ) -> dict[int, dict[int, list[int]]]:
     """For each camera and node the candidates of its most certain View; other Views of a still pair repeat it."""
     best: dict[tuple[int, int], tuple[float, int]] = {}
@@ -120,7 +121,7 @@ def _sharing(by_camera: dict[int, dict[int, list[int]]]) -> dict[tuple[int, int]
 
 
 def _vote(
-    left: int, right: int, poses: Pose, node: Array, rotation: Array, translation: Array, cost: Array
+    left: int, right: int, poses: Pose, node: Floats, rotation: Floats, translation: Floats, cost: Floats
 ) -> Relative:
     """The candidate that most rectangle poses agree with, averaged with all that do."""
     distance = _disagreement(poses, poses, rotation, translation, rotation, translation)
@@ -141,8 +142,8 @@ def _vote(
 
 
 def _disagreement(
-    a: Pose, b: Pose, rotation_a: Array, translation_a: Array, rotation_b: Array, translation_b: Array
-) -> Array:
+    a: Pose, b: Pose, rotation_a: Floats, translation_a: Floats, rotation_b: Floats, translation_b: Floats
+) -> Floats:
     """Distances (A, B) of two batches of poses in their common sigmas."""
     trace = a.rotation.reshape(-1, 9) @ b.rotation.reshape(-1, 9).T
     angle = np.arccos(np.clip((trace - 1) / 2, -1, 1))
@@ -153,7 +154,7 @@ def _disagreement(
     )
 
 
-def _chain(cameras: int, relatives: list[Relative], reference: int) -> tuple[Pose, Array]:
+def _chain(cameras: int, relatives: list[Relative], reference: int) -> tuple[Pose, Floats]:
     """camera_from_rig along the path of least summed variance from the reference camera."""
     import networkx
 
@@ -178,8 +179,8 @@ def _chain(cameras: int, relatives: list[Relative], reference: int) -> tuple[Pos
 
 
 def _place_nodes(
-    problem: Problem, candidates: Candidates, camera_from_rig: Pose, connected: Array
-) -> tuple[Pose, Array, Array]:
+    problem: Problem, candidates: Candidates, camera_from_rig: Pose, connected: Floats
+) -> tuple[Pose, Floats, Floats]:
     """rig_from_node (N,), the candidate chosen of every View (V,), and whether it agrees with its node (V,)."""
     node, camera = problem.node[candidates.view], problem.camera[candidates.view]
     rig_from_node = camera_from_rig[camera].inverse() @ candidates.camera_from_node
@@ -210,7 +211,7 @@ def _place_nodes(
     return place, choice, gap[choice] < _AGREES
 
 
-def _same_node_pairs(node: Array) -> tuple[Array, Array]:
+def _same_node_pairs(node: Floats) -> tuple[Floats, Floats]:
     """All ordered pairs of rows with one node."""
     order = np.argsort(node, kind="stable")
     _, starts, counts = np.unique(node[order], return_index=True, return_counts=True)
@@ -223,7 +224,7 @@ def _same_node_pairs(node: Array) -> tuple[Array, Array]:
     return (np.concatenate(left), np.concatenate(right)) if left else (np.zeros(0, int), np.zeros(0, int))
 
 
-def _distance_rows(poses: Pose, rotation: Array, translation: Array, left: Array, right: Array) -> Array:
+def _distance_rows(poses: Pose, rotation: Floats, translation: Floats, left: Floats, right: Floats) -> Floats:
     trace = np.einsum("kij,kij->k", poses.rotation[left], poses.rotation[right])
     angle = np.arccos(np.clip((trace - 1) / 2, -1, 1))
     gap = np.linalg.norm(poses.translation[left] - poses.translation[right], axis=-1)
@@ -233,7 +234,7 @@ def _distance_rows(poses: Pose, rotation: Array, translation: Array, left: Array
     )
 
 
-def _best_by_key(score: Array, key: Array, total: int) -> Array:
+def _best_by_key(score: Floats, key: Floats, total: int) -> Floats:
     """Row of the highest score for each key 0 .. total-1; the first of equals."""
     order = np.lexsort((np.arange(len(key)), -score, key))
     keys, starts = np.unique(key[order], return_index=True)

@@ -3,9 +3,9 @@
 import cv2
 import numpy as np
 
+from quadrig.single.arrays import Floats
 from quadrig.single.detect.edge_fit import fit_outline
 from quadrig.single.rectangle import Rectangle
-from quadrig.single.rotation import Array
 from quadrig.single.view import View
 
 # Search at no more pixels than this along the image's longer side: a sheet is large.
@@ -26,7 +26,7 @@ _SURELY_WRONG = 0.15
 _MODEL_SIGMA = 0.05
 
 
-def detect_plain(grey: Array, rectangle: Rectangle) -> View | None:
+def detect_plain(grey: Floats, rectangle: Rectangle) -> View | None:
     """The View of the one blank sheet in the image, wholly in sight, or None where there is none or no telling.
 
     A blank sheet looks the same after half a turn, a square one after a quarter: the reading nearest to upright in
@@ -50,13 +50,13 @@ def detect_plain(grey: Array, rectangle: Rectangle) -> View | None:
     )
 
 
-def _candidates(grey: Array) -> list[Array]:
+def _candidates(grey: Floats) -> list[Floats]:
     """Rough convex quadrilaterals (4, 2) px, clockwise, that any threshold cuts out of the picture."""
     scale = min(1.0, _SEARCH_SIDE / max(grey.shape))
     small = cv2.resize(grey, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA) if scale < 1 else grey
     small = cv2.GaussianBlur(small, (0, 0), 1.0)
     low, high = np.percentile(small, [1, 99])
-    quads: list[Array] = []
+    quads: list[Floats] = []
     for threshold in np.linspace(low, high, 16)[1:-1]:
         _, mask = cv2.threshold(small, float(threshold), 255, cv2.THRESH_BINARY)
         contours, _ = cv2.findContours(mask, cv2.RETR_LIST, cv2.CHAIN_APPROX_SIMPLE)
@@ -67,7 +67,7 @@ def _candidates(grey: Array) -> list[Array]:
     return [(quad + 0.5) / scale - 0.5 for quad in quads]
 
 
-def _quad(contour: Array, shape: tuple[int, ...]) -> Array | None:
+def _quad(contour: Floats, shape: tuple[int, ...]) -> Floats | None:
     hull = cv2.convexHull(contour)
     area = cv2.contourArea(contour)
     if area < _LEAST_AREA * shape[0] * shape[1] or area < 0.9 * cv2.contourArea(hull):
@@ -81,7 +81,7 @@ def _quad(contour: Array, shape: tuple[int, ...]) -> Array | None:
     return polygon if turn > 0 else polygon[::-1].copy()
 
 
-def _fit(grey: Array, quad: Array) -> tuple[Array, float] | None:
+def _fit(grey: Floats, quad: Floats) -> tuple[Floats, float] | None:
     corners = quad[None]
     span = np.linalg.norm(np.roll(quad, -1, axis=0) - quad, axis=1).min()
     # First wide, since the search was coarse, then close to the edge, where the ground's texture counts less.
@@ -100,7 +100,7 @@ def _fit(grey: Array, quad: Array) -> tuple[Array, float] | None:
     return corners[0], float(np.sqrt(np.mean(sigma**2)))
 
 
-def _blank(grey: Array, corners: Array, contrast: float) -> bool:
+def _blank(grey: Floats, corners: Floats, contrast: float) -> bool:
     """Whether what lies within is of one tone, but for a slow change of light."""
     size = 48
     inset = corners.mean(axis=0) + 0.92 * (corners - corners.mean(axis=0))
@@ -115,7 +115,7 @@ def _blank(grey: Array, corners: Array, contrast: float) -> bool:
     return float(np.std(left)) < _PRINT * contrast
 
 
-def _undisputed(fitted: list[tuple[Array, float]]) -> tuple[Array, float] | None:
+def _undisputed(fitted: list[tuple[Floats, float]]) -> tuple[Floats, float] | None:
     if not fitted:
         return None
     corners, _ = fitted[0]
@@ -127,7 +127,7 @@ def _undisputed(fitted: list[tuple[Array, float]]) -> tuple[Array, float] | None
     return fitted[0]
 
 
-def _readings(corners: Array) -> list[list[int]]:
+def _readings(corners: Floats) -> list[list[int]]:
     """Orders that put clockwise image corners into Eq. 4's order, the most upright first."""
     orders = [[(start + k) % 4 for k in range(4)] for start in range(4)]
     # Eq. 4's first side runs leftwards along the bottom: width; so what is most upright has it point most to -x.
@@ -139,7 +139,7 @@ def _readings(corners: Array) -> list[list[int]]:
 
 
 def _possible(
-    rectangle: Rectangle, corners: Array, orders: list[list[int]], shape: tuple[int, ...]
+    rectangle: Rectangle, corners: Floats, orders: list[list[int]], shape: tuple[int, ...]
 ) -> list[list[int]]:
     """The orders that some focal length explains; those of a quarter turn seldom are, unless the sheet is square.
 
@@ -152,7 +152,7 @@ def _possible(
     return sorted(kept, key=lambda order: misfits[orders.index(order)] > _SURELY_WRONG / 3)
 
 
-def _misfit(rectangle: Rectangle, corners: Array, shape: tuple[int, ...]) -> float:
+def _misfit(rectangle: Rectangle, corners: Floats, shape: tuple[int, ...]) -> float:
     """Least share by which right angle or side ratio are missed, over all focals from fisheye to telephoto."""
     middle = np.array([(shape[1] - 1) / 2, (shape[0] - 1) / 2])
     plane = rectangle.corners[:, :2].astype(np.float32)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from quadrig.single.rotation import Array
+from quadrig.single.arrays import Floats
 
 # Blur (px) that lenses and demosaicing leave, as logarithm with its spread: only where one row of pixels says
 # nothing of the blur (an edge along a pixel row) does this prior decide.
@@ -21,7 +21,7 @@ _BLUR_SETTLED = 0.05
 _LEAST_NOISE = 0.3
 
 
-def _step(distance: Array, blur: Array) -> tuple[Array, Array, Array]:
+def _step(distance: Floats, blur: Floats) -> tuple[Floats, Floats, Floats]:
     """A step from 0 to 1 under a Gaussian blur and the square of a pixel, with its slopes by distance and blur."""
     from scipy.special import ndtr
 
@@ -37,18 +37,18 @@ def _step(distance: Array, blur: Array) -> tuple[Array, Array, Array]:
     return value, cdf_upper - cdf_lower, pdf_upper - pdf_lower
 
 
-def _bell(x: Array) -> Array:
+def _bell(x: Floats) -> Floats:
     return np.exp(-0.5 * x * x) * np.float32(0.3989422804014327)
 
 
-def _grey(image: Array, columns: Array, rows: Array) -> tuple[Array, Array]:
+def _grey(image: Floats, columns: Floats, rows: Floats) -> tuple[Floats, Floats]:
     """Grey values at whole pixels, and which of them lie in the image."""
     height, width = image.shape
     inside = (columns >= 0) & (rows >= 0) & (columns < width) & (rows < height)
     return image[np.clip(rows, 0, height - 1), np.clip(columns, 0, width - 1)].astype(np.float32), inside
 
 
-def _solve_damped(jacobian: Array, residual: Array, weight: Array, prior: Array, pull: Array):
+def _solve_damped(jacobian: Floats, residual: Floats, weight: Floats, prior: Floats, pull: Floats):
     """Step (N, K) and inverse normal matrix (N, K, K) of weighted least squares with prior precisions (N, K).
 
     jacobian (N, K, P), residual and weight (N, P).
@@ -62,10 +62,10 @@ def _solve_damped(jacobian: Array, residual: Array, weight: Array, prior: Array,
     return (inverse @ gradient[..., None])[..., 0], inverse
 
 
-def _settled(places: Array, log_blur: Array) -> Array:
+def _settled(places: Floats, log_blur: Floats) -> Floats:
     """Which fits have come to rest, in place and, roughly, in blur: their noise is judged later."""
     return (np.max(np.abs(places), axis=1) < _SETTLED) & (np.abs(log_blur) < _BLUR_SETTLED)
 
 
-def _mean(values: Array, weight: Array) -> Array:
+def _mean(values: Floats, weight: Floats) -> Floats:
     return np.sum(values * weight, axis=1) / np.maximum(weight.sum(axis=1), 1e-9)

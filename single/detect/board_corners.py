@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from quadrig.single.arrays import Floats
 from quadrig.single.detect.corner_fit import CornerFit
-from quadrig.single.rotation import Array
 
 # A corner whose fit leaves more than this share of its contrast unexplained (rms) is covered, torn or no corner.
 _UNEXPLAINED = 0.2
@@ -20,23 +20,23 @@ _MODEL_SIGMA = 0.02
 _WIDEST = 7.0
 
 
-def _window(axes: Array) -> Array:
+def _window(axes: Floats) -> Floats:
     """Radius in px that holds the four squares of a corner and nothing beyond them."""
     area = np.abs(np.linalg.det(axes))
     across = area / np.max(np.linalg.norm(axes, axis=2), axis=1)
     return np.clip(0.7 * across, 2.0, _WIDEST)
 
 
-def _good(fit: CornerFit) -> Array:
+def _good(fit: CornerFit) -> Floats:
     strength = np.abs(fit.contrast)
     explained = fit.noise < _UNEXPLAINED * strength
     return explained & (strength > _LEAST_CONTRAST) & (fit.sigma < _WORST_SIGMA) & np.isfinite(fit.pixels).all(axis=1)
 
 
-def _alike(fit: CornerFit) -> Array:
+def _alike(fit: CornerFit) -> Floats:
     """Which corners leave about as much unexplained as their fellows: one with much more is touched by something."""
     return fit.noise < np.maximum(3 * np.median(fit.noise), _ALWAYS_EXPLAINED * np.abs(fit.contrast))
 
 
-def _view_sigma(sigma: Array) -> float:
+def _view_sigma(sigma: Floats) -> float:
     return float(np.hypot(np.sqrt(np.mean(sigma**2)), _MODEL_SIGMA))

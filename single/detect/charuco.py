@@ -3,6 +3,7 @@
 import cv2
 import numpy as np
 
+from quadrig.single.arrays import Floats
 from quadrig.single.detect.board_corners import _RECENTRE, _alike, _good, _view_sigma, _window
 from quadrig.single.detect.corner_fit import fit_corners
 from quadrig.single.detect.dictionaries import canonical_dictionary, check_tag_id
@@ -14,7 +15,6 @@ from quadrig.single.marking import (
     starts_with_tag,
 )
 from quadrig.single.rectangle import Rectangle
-from quadrig.single.rotation import Array
 from quadrig.single.view import View
 
 # Squares from a tag's corner to the corners of its own square, and from a corner to the next: what lies farther is
@@ -27,7 +27,7 @@ _PLANE = 2.0
 # --------------------------------------------------------------------------------------------------- ChArUco boards
 
 
-def detect_charuco(grey: Array, rectangle: Rectangle, found: dict[int, list[Array]]) -> View | None:
+def detect_charuco(grey: Floats, rectangle: Rectangle, found: dict[int, list[Floats]]) -> View | None:
     """The View of a ChArUco board from the rough corners of the tags found, by id, or None.
 
     grey: light squares lighter than dark ones; an inverted board is given on the inverted image. At least four
@@ -62,7 +62,7 @@ def detect_charuco(grey: Array, rectangle: Rectangle, found: dict[int, list[Arra
     return View(rectangle.name, flat[good], pixels_found[good], sigma=_view_sigma(sigma[good]))
 
 
-def _on_one_plane(points: Array, pixels: Array) -> Array:
+def _on_one_plane(points: Floats, pixels: Floats) -> Floats:
     """Which corners lie on one board with most; where a lens bends it, the others are found again from these."""
     if len(points) < 6:
         return np.ones(len(points), bool)
@@ -74,7 +74,7 @@ def _on_one_plane(points: Array, pixels: Array) -> Array:
     return np.linalg.norm(placed - pixels, axis=1) < _PLANE
 
 
-def _spans_plane(points: Array) -> bool:
+def _spans_plane(points: Floats) -> bool:
     """Whether points (P, 2) fix a homography: four of them, no three of the four in one line."""
     if len(points) < 4:
         return False
@@ -87,7 +87,7 @@ def _spans_plane(points: Array) -> bool:
     return bool(np.linalg.matrix_rank(np.concatenate(rows), tol=1e-6) == 8)
 
 
-def _tag_corners(marking: CharucoMarking, found: dict[int, list[Array]]) -> tuple[Array, Array]:
+def _tag_corners(marking: CharucoMarking, found: dict[int, list[Floats]]) -> tuple[Floats, Floats]:
     """Corners (N, 4, 2) of the board's tags that were seen: on the board (m), and in the image (px)."""
     half = marking.marker / 2
     square = np.array([[-half, -half], [half, -half], [half, half], [-half, half]])
@@ -100,7 +100,7 @@ def _tag_corners(marking: CharucoMarking, found: dict[int, list[Array]]) -> tupl
     return np.array(tags).reshape(-1, 4, 2), np.array(pixels).reshape(-1, 4, 2)
 
 
-def _agreeing(tags: Array, pixels: Array) -> tuple[Array, Array]:
+def _agreeing(tags: Floats, pixels: Floats) -> tuple[Floats, Floats]:
     """The tags that lie on one board together; a distorted lens bends it by some per cent of its size."""
     if len(tags) < 2:
         return tags, pixels
@@ -117,8 +117,8 @@ def _agreeing(tags: Array, pixels: Array) -> tuple[Array, Array]:
 
 
 def _predict(
-    points: Array, known: Array, pixels: Array, marking: CharucoMarking, shape, reach: float
-) -> tuple[Array, Array, Array]:
+    points: Floats, known: Floats, pixels: Floats, marking: CharucoMarking, shape, reach: float
+) -> tuple[Floats, Floats, Floats]:
     """Where board points (P, 2) should appear, by the homography of the known points nearest to each.
 
     Returns places (P, 2) px, axes (P, 2, 2) px of one square's sides, and which places are within reach (in squares)
@@ -146,7 +146,7 @@ def _predict(
     return places, axes, known_well & trusted & inside & (np.linalg.det(axes) > 4)
 
 
-def _fit_charuco(grey: Array, marking: CharucoMarking, places: Array, axes: Array, wanted: Array):
+def _fit_charuco(grey: Floats, marking: CharucoMarking, places: Floats, axes: Floats, wanted: Floats):
     """Corners (P, 2), sigma (P,) and which (P,) of the wanted ones are sure."""
     pixels, sigma, good = places.copy(), np.full(len(places), np.inf), np.zeros(len(places), bool)
     index = np.flatnonzero(wanted)
@@ -170,13 +170,13 @@ def _fit_charuco(grey: Array, marking: CharucoMarking, places: Array, axes: Arra
     return pixels, sigma, good
 
 
-def _expected_signs(marking: CharucoMarking) -> Array:
+def _expected_signs(marking: CharucoMarking) -> Floats:
     rows, columns = np.meshgrid(np.arange(marking.rows - 1), np.arange(marking.columns - 1), indexing="ij")
     black_first = -1 if starts_with_tag(marking) else 1
     return (black_first * (1 - 2 * ((rows + columns) % 2))).ravel()
 
 
-def _smooth(points: Array, pixels: Array, good: Array, square: float) -> Array:
+def _smooth(points: Floats, pixels: Floats, good: Floats, square: float) -> Floats:
     """Which corners agree with the homography of their neighbours: a corner on a wrong edge does not."""
     keep = good.copy()
     index = np.flatnonzero(good)

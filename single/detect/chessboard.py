@@ -2,12 +2,12 @@
 
 import numpy as np
 
+from quadrig.single.arrays import Floats
 from quadrig.single.detect.board_corners import _RECENTRE, _good, _view_sigma, _window
 from quadrig.single.detect.corner_fit import CornerFit, fit_corners
 from quadrig.single.detect.saddle_grid import find_saddle_grid
 from quadrig.single.marking import ChessboardMarking, board_points
 from quadrig.single.rectangle import Rectangle
-from quadrig.single.rotation import Array
 from quadrig.single.view import View
 
 # Share of a row of corners beyond a board's edge that shows the board to be larger.
@@ -19,7 +19,7 @@ _SMALLEST_SQUARE = 5.0
 # ---------------------------------------------------------------------------------------------------- chessboards
 
 
-def detect_chessboard(grey: Array, rectangle: Rectangle, rough: Array | None = None) -> View | None:
+def detect_chessboard(grey: Floats, rectangle: Rectangle, rough: Floats | None = None) -> View | None:
     """The View of a chessboard whose corners are all in sight, or None.
 
     The board's top left square is black. A board of columns + rows even looks the same after half a turn, a square
@@ -53,19 +53,19 @@ def detect_chessboard(grey: Array, rectangle: Rectangle, rough: Array | None = N
     )
 
 
-def _right_handed(grid: Array) -> Array:
+def _right_handed(grid: Floats) -> Floats:
     """The same corners with columns mirrored where needed: the front of a sheet is never seen mirrored."""
     along, down = grid[:, -1] - grid[:, 0], grid[-1] - grid[0]
     turn = np.mean(along[:, 0]) * np.mean(down[:, 1]) - np.mean(along[:, 1]) * np.mean(down[:, 0])
     return grid if turn > 0 else grid[:, ::-1]
 
 
-def _grid_axes(grid: Array) -> Array:
+def _grid_axes(grid: Floats) -> Floats:
     """px along one square's side, by columns and by rows, at each corner of a grid (rows, columns, 2, 2)."""
     return np.stack([np.gradient(grid, axis=1), np.gradient(grid, axis=0)], axis=2)
 
 
-def _fit_grid(grey: Array, grid: Array, axes: Array) -> CornerFit:
+def _fit_grid(grey: Floats, grid: Floats, axes: Floats) -> CornerFit:
     flat_axes = axes.reshape(-1, 2, 2)
     fit = fit_corners(grey, grid.reshape(-1, 2), flat_axes, _window(flat_axes))
     moved = np.linalg.norm(fit.pixels - grid.reshape(-1, 2), axis=1)
@@ -74,7 +74,7 @@ def _fit_grid(grey: Array, grid: Array, axes: Array) -> CornerFit:
     return fit
 
 
-def _all_sure(fit: CornerFit, grid: Array, axes: Array) -> bool:
+def _all_sure(fit: CornerFit, grid: Floats, axes: Floats) -> bool:
     moved = np.linalg.norm(fit.pixels - grid.reshape(-1, 2), axis=1)
     side = np.linalg.norm(axes.reshape(-1, 2, 2), axis=2).min(axis=1)
     # A corner that ran a third of a square away went to another edge.
@@ -82,7 +82,7 @@ def _all_sure(fit: CornerFit, grid: Array, axes: Array) -> bool:
     return bool(near and np.all(_good(fit)) and np.min(side) > _SMALLEST_SQUARE)
 
 
-def _goes_on(grey: Array, grid: Array, fit: CornerFit) -> bool:
+def _goes_on(grey: Floats, grid: Floats, fit: CornerFit) -> bool:
     """Whether a row of corners follows beyond the grid's edge: then it is a part of a larger board."""
     contrast, noise, blur = np.abs(fit.contrast).mean(), np.median(fit.noise), np.median(fit.blur)
     for turned in (grid, grid[::-1], np.swapaxes(grid, 0, 1), np.swapaxes(grid, 0, 1)[::-1]):
@@ -109,7 +109,7 @@ def _colour_signs(fit: CornerFit, shape: tuple[int, ...]) -> int:
     return int(signs[0, 0]) if np.all(signs == signs[0, 0]) else 0
 
 
-def _readings(marking: ChessboardMarking, pixels: Array, sign: int) -> list[Array]:
+def _readings(marking: ChessboardMarking, pixels: Floats, sign: int) -> list[Floats]:
     """For each reading, the board's point index of every corner in the grid's order; the most upright first."""
     rows, columns = pixels.shape[:2]
     index = np.arange(rows * columns).reshape(rows, columns)

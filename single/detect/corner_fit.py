@@ -4,6 +4,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
+from quadrig.single.arrays import Floats
 from quadrig.single.detect.blurred_step import (
     _BLUR_SPREAD,
     _ITERATIONS,
@@ -17,20 +18,19 @@ from quadrig.single.detect.blurred_step import (
     _solve_damped,
     _step,
 )
-from quadrig.single.rotation import Array
 
 
 @dataclass(frozen=True, eq=False)
 class CornerFit:
     """Board corners: pixels (N, 2), sigma (N,) px a coordinate, noise and contrast (N,) in grey levels, blur px."""
 
-    pixels: Array
-    sigma: Array
-    noise: Array
-    contrast: Array
-    blur: Array
+    pixels: Floats
+    sigma: Floats
+    noise: Floats
+    contrast: Floats
+    blur: Floats
 
-    def changed(self, index: Array, other: "CornerFit") -> "CornerFit":
+    def changed(self, index: Floats, other: "CornerFit") -> "CornerFit":
         """The same with the corners of these indices taken from another fit."""
         parts = [(getattr(self, one.name).copy(), getattr(other, one.name)) for one in fields(self)]
         for whole, part in parts:
@@ -38,7 +38,7 @@ class CornerFit:
         return CornerFit(*(whole for whole, _ in parts))
 
 
-def fit_corners(image: Array, pixels: Array, axes: Array, radius: Array, clear: float = np.inf) -> CornerFit:
+def fit_corners(image: Floats, pixels: Floats, axes: Floats, radius: Floats, clear: float = np.inf) -> CornerFit:
     """Fit corners where four squares of a board meet, near pixels (N, 2), in a grey image (h, w).
 
     axes (N, 2, 2): px that one square's side spans along the board's columns and along its rows at each corner.
@@ -101,7 +101,7 @@ def _corner_iterations(pixels, axes, places, grey, weight) -> CornerFit:
     return CornerFit(pixels + parameters[:, :2], sigma, noise, 2 * parameters[:, 8], np.exp(parameters[:, 4]))
 
 
-def _corner_model(parameters: Array, places: Array, grey: Array) -> tuple[Array, Array]:
+def _corner_model(parameters: Floats, places: Floats, grey: Floats) -> tuple[Floats, Floats]:
     x, y, first, second, log_blur, mean, slope_x, slope_y, half = parameters.astype(np.float32).T[..., None]
     blur = np.exp(log_blur)
     dx, dy = places[..., 0] - x, places[..., 1] - y

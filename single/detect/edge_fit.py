@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from quadrig.single.arrays import Floats
 from quadrig.single.detect.blurred_step import (
     _BLUR_SPREAD,
     _ITERATIONS,
@@ -21,7 +22,6 @@ from quadrig.single.detect.blurred_step import (
     _solve_damped,
     _step,
 )
-from quadrig.single.rotation import Array
 
 # Bow (px over half a side of 50 px) that a strong wide-angle lens gives a straight edge; it grows with the square.
 _BOW = 0.5
@@ -38,15 +38,15 @@ class EdgeFit:
     outside, blur (N,) px, dark (N,) grey level of the inner side.
     """
 
-    coefficients: Array
-    covariance: Array
-    noise: Array
-    contrast: Array
-    blur: Array
-    dark: Array
+    coefficients: Floats
+    covariance: Floats
+    noise: Floats
+    contrast: Floats
+    blur: Floats
+    dark: Floats
 
     @property
-    def washed_out(self) -> Array:
+    def washed_out(self) -> Floats:
         """Which (N,) edges run between white that is clipped and a dark side that is light: they lie elsewhere."""
         lighter, darker = (
             np.maximum(self.dark, self.dark + self.contrast),
@@ -56,13 +56,13 @@ class EdgeFit:
 
 
 def fit_edges(
-    image: Array,
-    start: Array,
-    end: Array,
-    inside: Array,
-    reach: Array,
-    margin: Array,
-    bow: Array | None = None,
+    image: Floats,
+    start: Floats,
+    end: Floats,
+    inside: Floats,
+    reach: Floats,
+    margin: Floats,
+    bow: Floats | None = None,
     most: int = 96,
 ) -> EdgeFit:
     """Fit the edges near the lines from start to end (N, 2) px in a grey image (h, w).
@@ -145,7 +145,7 @@ def _edge_iterations(u, offset, grey, weight, length, reach, start_bow) -> EdgeF
     return EdgeFit(parameters[:, 4:7].copy(), covariance, noise, contrast, np.exp(parameters[:, 7]), dark)
 
 
-def _edge_model(parameters: Array, u: Array, offset: Array, grey: Array) -> tuple[Array, Array]:
+def _edge_model(parameters: Floats, u: Floats, offset: Floats, grey: Floats) -> tuple[Floats, Floats]:
     dark, dark_slope, contrast, contrast_slope, c0, c1, c2, log_blur = parameters.astype(np.float32).T[..., None]
     blur = np.exp(log_blur)
     value, slope, by_blur = _step(offset - (c0 + u * (c1 + u * c2)), blur)
@@ -162,8 +162,13 @@ def _edge_model(parameters: Array, u: Array, offset: Array, grey: Array) -> tupl
 
 
 def fit_outline(
-    image: Array, corners: Array, reach: Array, bow: Array | None = None, blur: Array | None = None, most: int = 96
-) -> tuple[Array, Array, EdgeFit]:
+    image: Floats,
+    corners: Floats,
+    reach: Floats,
+    bow: Floats | None = None,
+    blur: Floats | None = None,
+    most: int = 96,
+) -> tuple[Floats, Floats, EdgeFit]:
     """Corners (N, 4, 2) px of quadrilaterals, from the four edges of each, with what the edges told.
 
     reach (N, 4): px to either side of the side from corner k to k + 1 that belong to that edge alone.
@@ -183,7 +188,7 @@ def fit_outline(
     return refined.reshape(count, 4, 2), sigma.reshape(count, 4), fit
 
 
-def _meet(corners: Array, fit: EdgeFit) -> tuple[Array, Array]:
+def _meet(corners: Floats, fit: EdgeFit) -> tuple[Floats, Floats]:
     """Where each side meets the one before it."""
     count = len(corners)
     end = np.roll(corners, -1, axis=1)
@@ -214,7 +219,7 @@ def _meet(corners: Array, fit: EdgeFit) -> tuple[Array, Array]:
     return points, np.sqrt(np.maximum(variance, 0))
 
 
-def _inverse(rows: Array) -> Array:
+def _inverse(rows: Floats) -> Floats:
     """Of matrices (..., 2, 2), one of parallel rows taken as all but parallel."""
     (a, b), (c, d) = np.moveaxis(rows, (-2, -1), (0, 1))
     determinant = a * d - b * c

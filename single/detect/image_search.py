@@ -6,6 +6,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 
+from quadrig.single.arrays import Floats
 from quadrig.single.detect.blank_sheet import detect_plain
 from quadrig.single.detect.charuco import check_board_rectangle, detect_charuco
 from quadrig.single.detect.chessboard import detect_chessboard
@@ -13,14 +14,13 @@ from quadrig.single.detect.tag import check_tag_rectangle, detect_tags, find_tag
 from quadrig.single.errors import QuadrigError
 from quadrig.single.marking import CharucoMarking, ChessboardMarking, PlainMarking, TagMarking, charuco_tag_squares
 from quadrig.single.rectangle import Rectangle
-from quadrig.single.rotation import Array
 from quadrig.single.view import View
 
 # A window around an earlier View reaches this share of its size, and px, beyond it.
 _REACH, _LEAST_REACH = 0.45, 24
 
 
-def detect(image: Array, rectangles: Sequence[Rectangle], *, near: Sequence[View] | None = None) -> list[View]:
+def detect(image: Floats, rectangles: Sequence[Rectangle], *, near: Sequence[View] | None = None) -> list[View]:
     """The Views of all rectangles that are surely in the image, in the order of the rectangles; [] where none is.
 
     image: uint8, (h, w) grey or (h, w, 3) blue green red. A tag gives its four corners in Eq. 4's order, a
@@ -49,7 +49,7 @@ def detect(image: Array, rectangles: Sequence[Rectangle], *, near: Sequence[View
 
 
 def _of_dictionary(
-    grey: Array, dictionary: str, members: Sequence[Rectangle], before: Mapping[str, View] | None
+    grey: Floats, dictionary: str, members: Sequence[Rectangle], before: Mapping[str, View] | None
 ) -> list[View]:
     """Views of the tags and ChArUco boards of one dictionary; near earlier Views where there are some."""
     tags = [r for r in members if isinstance(r.marking, TagMarking)]
@@ -68,7 +68,7 @@ def _of_dictionary(
     return views
 
 
-def _board_nearby(grey: Array, dictionary: str, board: Rectangle, before: Mapping[str, View]) -> View | None:
+def _board_nearby(grey: Floats, dictionary: str, board: Rectangle, before: Mapping[str, View]) -> View | None:
     if board.name not in before:
         return None
     window, corner = _window(grey, before[board.name])
@@ -78,7 +78,7 @@ def _board_nearby(grey: Array, dictionary: str, board: Rectangle, before: Mappin
     return detect_charuco(grey, board, found)
 
 
-def _chessboard(grey: Array, board: Rectangle, before: Mapping[str, View] | None) -> View | None:
+def _chessboard(grey: Floats, board: Rectangle, before: Mapping[str, View] | None) -> View | None:
     if before is not None and board.name in before:
         window, corner = _window(grey, before[board.name])
         view = detect_chessboard(window, board)
@@ -87,7 +87,7 @@ def _chessboard(grey: Array, board: Rectangle, before: Mapping[str, View] | None
     return detect_chessboard(grey, board)
 
 
-def _window(grey: Array, view: View) -> tuple[Array, Array]:
+def _window(grey: Floats, view: View) -> tuple[Floats, Floats]:
     """The part of the image around an earlier View, and the pixel (2,) at which it begins."""
     low, high = view.pixels.min(axis=0), view.pixels.max(axis=0)
     # Inner corners leave a square outside; a hand moves a board by a fraction of its size from picture to picture.
@@ -97,7 +97,7 @@ def _window(grey: Array, view: View) -> tuple[Array, Array]:
     return np.ascontiguousarray(grey[low[1] : high[1], low[0] : high[0]]), low.astype(float)
 
 
-def grey_image(image: Array) -> Array:
+def grey_image(image: Floats) -> Floats:
     """The image (h, w) uint8 of a grey or blue-green-red one. Raises QuadrigError where it is neither."""
     image = np.asarray(image)
     if image.dtype != np.uint8 or image.ndim not in (2, 3) or (image.ndim == 3 and image.shape[2] not in (1, 3)):

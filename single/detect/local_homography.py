@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from quadrig.single.rotation import Array
+from quadrig.single.arrays import Floats
 
 
-def local_homographies(plane: Array, image: Array) -> Array:
+def local_homographies(plane: Floats, image: Floats) -> Floats:
     """Homographies (N, 3, 3), last entry 1, of N sets of points: plane (N, P, 2) to image (N, P, 2); P >= 4.
 
     Least squares of the linear equations (Hartley and Zisserman 4.1), with the last entry set to 1: the plane's
@@ -41,7 +41,7 @@ def local_homographies(plane: Array, image: Array) -> Array:
     return shift @ homography
 
 
-def mapped(homographies: Array, points: Array) -> Array:
+def mapped(homographies: Floats, points: Floats) -> Floats:
     """Image points (N, Q, 2) of plane points (N, Q, 2) or (Q, 2)."""
     points = np.broadcast_to(points, (len(homographies), *points.shape[-2:]))
     seen = points @ np.swapaxes(homographies[:, :, :2], 1, 2) + homographies[:, None, :, 2]

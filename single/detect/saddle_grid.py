@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from quadrig.single.rotation import Array
+from quadrig.single.arrays import Floats
 
 # Blur (px) before the second derivatives: less than a third of the smallest square looked for, 6 px.
 _BLUR = 1.2
@@ -33,11 +33,11 @@ _SEEN_SHARE = 0.85
 class Saddles:
     """places (N, 2) px, and the angle (N,) of twice the bright direction, strongest first."""
 
-    places: Array
-    phase: Array
+    places: Floats
+    phase: Floats
 
 
-def find_saddle_grid(grey: Array, columns: int, rows: int) -> Array | None:
+def find_saddle_grid(grey: Floats, columns: int, rows: int) -> Floats | None:
     """Rough corners (rows, columns, 2) px of a board of columns x rows inner corners, or None.
 
     Which end comes first is left open. None where a larger board could be meant: only a whole board counts.
@@ -52,7 +52,7 @@ def find_saddle_grid(grey: Array, columns: int, rows: int) -> Array | None:
     return None
 
 
-def find_saddles(grey: Array) -> Saddles:
+def find_saddles(grey: Floats) -> Saddles:
     """All places of a grey image where the grey values form a saddle like a board's corner."""
     soft = cv2.GaussianBlur(grey, (0, 0), _BLUR).astype(np.float32)
     xx, yy = cv2.Sobel(soft, cv2.CV_32F, 2, 0), cv2.Sobel(soft, cv2.CV_32F, 0, 2)
@@ -72,7 +72,7 @@ def find_saddles(grey: Array) -> Saddles:
     return Saddles(np.stack([x, y], axis=1)[keep].astype(float), phase[keep])
 
 
-def _circle(soft: Array, x: Array, y: Array) -> tuple[Array, Array]:
+def _circle(soft: Floats, x: Floats, y: Floats) -> tuple[Floats, Floats]:
     """Angle of the twofold wave of the grey values around each place, and whether it is the wave of a saddle."""
     angles = 2 * np.pi * np.arange(16) / 16
     columns = np.rint(x[:, None] + _RADIUS * np.cos(angles)).astype(int)
@@ -85,7 +85,7 @@ def _circle(soft: Array, x: Array, y: Array) -> tuple[Array, Array]:
     return -np.angle(waves[:, 2]), good
 
 
-def _grow_grid(saddles: Saddles, columns: int, rows: int) -> Array | None:
+def _grow_grid(saddles: Saddles, columns: int, rows: int) -> Floats | None:
     count = len(saddles.places)
     if count < _SEEN_SHARE * columns * rows:
         return None
@@ -108,12 +108,12 @@ def _grow_grid(saddles: Saddles, columns: int, rows: int) -> Array | None:
     return None
 
 
-def _opposite(saddles: Saddles, index: int) -> Array:
+def _opposite(saddles: Saddles, index: int) -> Floats:
     """Which saddles have bright and dark exchanged against this one."""
     return np.cos(saddles.phase - saddles.phase[index]) < -0.3
 
 
-def _first_square(saddles: Saddles, seed: int) -> tuple[Array, Array] | None:
+def _first_square(saddles: Saddles, seed: int) -> tuple[Floats, Floats] | None:
     """Two steps (2,) px from the seed to neighbours whose fourth corner is there too."""
     shift = saddles.places - saddles.places[seed]
     distance = np.hypot(*shift.T)
@@ -133,10 +133,10 @@ def _first_square(saddles: Saddles, seed: int) -> tuple[Array, Array] | None:
     return None
 
 
-def _grow(saddles: Saddles, seed: int, a: Array, b: Array) -> dict[tuple[int, int], int]:
+def _grow(saddles: Saddles, seed: int, a: Floats, b: Floats) -> dict[tuple[int, int], int]:
     """Grid places (column, row) of the saddles that can be reached from the seed in even steps."""
     grown, used = {(0, 0): seed}, {seed}
-    steps: dict[tuple[int, int], tuple[Array, Array]] = {(0, 0): (a, b)}
+    steps: dict[tuple[int, int], tuple[Floats, Floats]] = {(0, 0): (a, b)}
     queue = [(0, 0)]
     while queue:
         place = queue.pop(0)
@@ -160,7 +160,7 @@ def _grow(saddles: Saddles, seed: int, a: Array, b: Array) -> dict[tuple[int, in
     return grown
 
 
-def _whole_board(grown: dict[tuple[int, int], int], places: Array, columns: int, rows: int) -> Array | None:
+def _whole_board(grown: dict[tuple[int, int], int], places: Floats, columns: int, rows: int) -> Floats | None:
     """The one window of the grown grid that holds the board, (rows, columns, 2); None where none or several do."""
     keys = np.array(list(grown))
     low, size = keys.min(axis=0), np.ptp(keys, axis=0) + 1
@@ -175,7 +175,7 @@ def _whole_board(grown: dict[tuple[int, int], int], places: Array, columns: int,
     return None
 
 
-def _window(lattice: Array, places: Array, columns: int, rows: int) -> Array | None:
+def _window(lattice: Floats, places: Floats, columns: int, rows: int) -> Floats | None:
     if lattice.shape[0] < rows or lattice.shape[1] < columns:
         return None
     seen = (lattice >= 0).astype(int)
@@ -194,7 +194,7 @@ def _window(lattice: Array, places: Array, columns: int, rows: int) -> Array | N
     return grid if not np.isnan(grid).any() else _filled(grid)
 
 
-def _filled(grid: Array) -> Array | None:
+def _filled(grid: Floats) -> Floats | None:
     """The grid with missing corners where the homography of the others puts them."""
     rows, columns = grid.shape[:2]
     lattice = np.stack(np.meshgrid(np.arange(columns), np.arange(rows)), axis=-1).astype(float)

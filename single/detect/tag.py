@@ -6,11 +6,11 @@ from functools import lru_cache
 import cv2
 import numpy as np
 
+from quadrig.single.arrays import Floats
 from quadrig.single.detect.dictionaries import canonical_dictionary, check_tag_id, tag_dictionary
 from quadrig.single.detect.edge_fit import EdgeFit, fit_outline
 from quadrig.single.marking import Marking, TagMarking
 from quadrig.single.rectangle import Rectangle
-from quadrig.single.rotation import Array
 from quadrig.single.view import View
 
 # OpenCV's order is top left, top right, bottom right, bottom left; Eq. 4's begins at the bottom right.
@@ -67,12 +67,12 @@ def _detector(
 
 
 def find_tags(
-    grey: Array,
+    grey: Floats,
     dictionary: str,
     wanted: Iterable[int] | None = None,
     boards: Iterable[frozenset[int]] = (),
     quick: bool = False,
-) -> dict[int, list[Array]]:
+) -> dict[int, list[Floats]]:
     """Rough corners (4, 2) px, top left first and clockwise on the printed tag, of every tag seen, by id.
 
     wanted: the ids that matter; all of the dictionary where None. Passes over the image go from quick to slow, and
@@ -81,7 +81,7 @@ def find_tags(
     """
     boards = tuple(boards)
     missing = None if wanted is None else tuple(sorted(set(wanted)))
-    found: dict[int, list[Array]] = {}
+    found: dict[int, list[Floats]] = {}
     for scale, windows in _passes(max(grey.shape))[: 1 if quick else None]:
         image = cv2.resize(grey, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA) if scale < 1 else grey
         for tag_id, quads in _find_once(image, dictionary, missing, windows).items():
@@ -105,12 +105,12 @@ def _passes(longer_side: int) -> list[tuple[float, tuple[int, int]]]:
 
 
 def _find_once(
-    image: Array, dictionary: str, wanted: tuple[int, ...] | None, windows: tuple[int, int]
-) -> dict[int, list[Array]]:
+    image: Floats, dictionary: str, wanted: tuple[int, ...] | None, windows: tuple[int, int]
+) -> dict[int, list[Floats]]:
     # Rounded, so that windows of all sizes share few detectors.
     rate = max(_LEAST_PERIMETER_RATE, round(_LEAST_PERIMETER / max(image.shape), 2))
     corners, ids, _ = _detector(dictionary, wanted, windows, rate).detectMarkers(image)
-    found: dict[int, list[Array]] = {}
+    found: dict[int, list[Floats]] = {}
     if ids is not None:
         for tag_id, quad in zip(np.ravel(ids), corners, strict=True):
             own = int(tag_id) if wanted is None else wanted[int(tag_id)]
@@ -119,14 +119,14 @@ def _find_once(
 
 
 def detect_tags(
-    grey: Array, rectangles: Sequence[Rectangle], found: dict[int, list[Array]], followed: bool = False
+    grey: Floats, rectangles: Sequence[Rectangle], found: dict[int, list[Floats]], followed: bool = False
 ) -> list[View]:
     """Views of the tag rectangles, all of one dictionary, whose rough corners are among those found.
 
     A tag that is seen twice in one image is not used: nobody can tell which of the two is meant. followed: the
     corners are those of the picture before.
     """
-    seen: list[tuple[Rectangle, Array]] = []
+    seen: list[tuple[Rectangle, Floats]] = []
     for rectangle in rectangles:
         assert isinstance(rectangle.marking, TagMarking)
         quads = found.get(rectangle.marking.id, [])
@@ -150,7 +150,7 @@ def detect_tags(
     ]
 
 
-def track_tags(grey: Array, rectangles: Sequence[Rectangle], near: Mapping[str, View]) -> list[View]:
+def track_tags(grey: Floats, rectangles: Sequence[Rectangle], near: Mapping[str, View]) -> list[View]:
     """Views of the tags, all of one dictionary, that are within a few pixels of where they were seen before.
 
     near: earlier Views by rectangle. A tag must read as itself where it is found.
@@ -158,7 +158,7 @@ def track_tags(grey: Array, rectangles: Sequence[Rectangle], near: Mapping[str, 
     known = [r for r in rectangles if r.name in near and len(near[r.name].pixels) == 4]
     if not known:
         return []
-    found: dict[int, list[Array]] = {}
+    found: dict[int, list[Floats]] = {}
     for rectangle in known:
         assert isinstance(rectangle.marking, TagMarking)
         found[rectangle.marking.id] = [near[rectangle.name].pixels[_EQ4_FROM_OPENCV]]
@@ -167,7 +167,7 @@ def track_tags(grey: Array, rectangles: Sequence[Rectangle], near: Mapping[str, 
     return [view for view in views if _reads_as(grey, view.pixels[_EQ4_FROM_OPENCV], markings[view.rectangle])]
 
 
-def _reads_as(grey: Array, corners: Array, marking: Marking) -> bool:
+def _reads_as(grey: Floats, corners: Floats, marking: Marking) -> bool:
     """Whether the cells within the corners (4, 2), top left first, show this tag's own bits."""
     assert isinstance(marking, TagMarking)
     dictionary = tag_dictionary(marking.dictionary)
@@ -183,7 +183,7 @@ def _reads_as(grey: Array, corners: Array, marking: Marking) -> bool:
     return wrong <= dictionary.maxCorrectionBits
 
 
-def refine_tags(grey: Array, rough: Array, cells: int, still: bool = False) -> tuple[Array, Array, Array]:
+def refine_tags(grey: Floats, rough: Floats, cells: int, still: bool = False) -> tuple[Floats, Floats, Floats]:
     """Corners (N, 4, 2) from rough ones, sigma (N,) px, and which (N,) are to be trusted.
 
     cells: along a side of the tag, its black border included. still: only those are to be trusted that stand
@@ -209,7 +209,7 @@ def refine_tags(grey: Array, rough: Array, cells: int, still: bool = False) -> t
     return corners, total, sure
 
 
-def _leak(fit: EdgeFit, corners: Array, cells: int) -> Array:
+def _leak(fit: EdgeFit, corners: Floats, cells: int) -> Floats:
     """px (N,) by which light of the neighbouring cells moves corners, where blur is wide against a cell.
 
     Measured on rendered tags of 4 and 6 bits: rms error over blur is 0.16 at cells of 2 blurs, 0.06 at 3.75,
@@ -220,7 +220,7 @@ def _leak(fit: EdgeFit, corners: Array, cells: int) -> Array:
     return 0.18 * blur * np.exp(-((ratio / 3.6) ** 3))
 
 
-def _even_sides(fit: EdgeFit, cell: Array) -> Array:
+def _even_sides(fit: EdgeFit, cell: Floats) -> Floats:
     """Which tags (N,) have four sides that are alike: dark within, of like contrast, and none of them half hidden."""
     contrast, noise = fit.contrast.reshape(-1, 4), fit.noise.reshape(-1, 4)
     least = contrast.min(axis=1)
@@ -232,13 +232,13 @@ def _even_sides(fit: EdgeFit, cell: Array) -> Array:
     return even & ~hidden.any(axis=1) & ~fit.washed_out.reshape(-1, 4).any(axis=1)
 
 
-def _levels(corners: Array) -> Array:
+def _levels(corners: Floats) -> Floats:
     """How often the image is halved (N,) until the tag's mean side is near _FIT_SIDE px."""
     side = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2).mean(axis=1)
     return np.maximum(0, np.rint(np.log2(side / _FIT_SIDE))).astype(int)
 
 
-def _fit_from_level(grey: Array, rough: Array, cells: int, top: int, still: bool) -> tuple[Array, Array, EdgeFit]:
+def _fit_from_level(grey: Floats, rough: Floats, cells: int, top: int, still: bool) -> tuple[Floats, Floats, EdgeFit]:
     """Corners (N, 4, 2), sigma (N, 4) and the last fit, from the coarse image of level `top` down to 0.
 
     still: the rough corners are good to a pixel.
@@ -267,7 +267,7 @@ def _fit_from_level(grey: Array, rough: Array, cells: int, top: int, still: bool
     return corners + origin, sigma * scale, fit
 
 
-def _crop(grey: Array, corners: Array, scale: int) -> tuple[Array, Array]:
+def _crop(grey: Floats, corners: Floats, scale: int) -> tuple[Floats, Floats]:
     """The part of the image around the corners, and the pixel (2,) where it begins; whole steps of the scale."""
     if scale == 1:
         return np.zeros(2), grey
@@ -278,7 +278,7 @@ def _crop(grey: Array, corners: Array, scale: int) -> tuple[Array, Array]:
     return low.astype(float), grey[low[1] : high[1], low[0] : high[0]]
 
 
-def _cell(corners: Array, cells: int) -> Array:
+def _cell(corners: Floats, cells: int) -> Floats:
     """px across the outermost cells along each side (N, 4), where the tag is narrowest."""
     end = np.roll(corners, -1, axis=1)
     along = end - corners
@@ -290,7 +290,7 @@ def _cell(corners: Array, cells: int) -> Array:
     return np.minimum(*depth) / cells
 
 
-def _looks_whole(grey: Array, corners: Array, cells: int) -> bool:
+def _looks_whole(grey: Floats, corners: Floats, cells: int) -> bool:
     """Whether the black border with the white ring around it is there, all the way, and at all four corners.
 
     Each black cell is held against the white beside it, so that glare over a part of the tag does not count.
@@ -308,12 +308,12 @@ def _looks_whole(grey: Array, corners: Array, cells: int) -> bool:
     return not np.any(white - black < _LEAST_STEP * contrast)
 
 
-def _corners(cells: int, depth: float) -> Array:
+def _corners(cells: int, depth: float) -> Floats:
     low, high = depth, cells - depth
     return np.array([[low, low], [high, low], [high, high], [low, high]])
 
 
-def _sampled(grey: Array, image_from_cell: Array, cells: Array) -> Array:
+def _sampled(grey: Floats, image_from_cell: Floats, cells: Floats) -> Floats:
     """Grey levels (P,) at places (P, 2) in cells; nan outside the image."""
     places = np.rint(cv2.perspectiveTransform(cells[None].astype(np.float32), image_from_cell)[0]).astype(int)
     inside = ((places >= 0) & (places < np.array(grey.shape[::-1]))).all(axis=1)
@@ -322,7 +322,7 @@ def _sampled(grey: Array, image_from_cell: Array, cells: Array) -> Array:
 
 
 @lru_cache(maxsize=64)
-def _ring(cells: int, depth: float) -> Array:
+def _ring(cells: int, depth: float) -> Floats:
     """Places (P, 2) so many cells within the edge of a tag, one beside each cell of its border."""
     along = np.arange(cells) + 0.5
     low, high, same = depth, cells - depth, np.ones_like(along)

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from quadrig.single.arrays import Floats
 from quadrig.single.detect.dictionaries import check_tag_id, tag_dictionary
 from quadrig.single.marking import CharucoMarking, ChessboardMarking, TagMarking, charuco_tag_squares, starts_with_tag
 from quadrig.single.rectangle import Rectangle
-from quadrig.single.rotation import Array
 
 INK, PAPER = 0.0, 1.0
 
@@ -101,7 +101,7 @@ def _tag_patches(dictionary: str, tag_id: int, x: float, y: float, width: float,
     return patches
 
 
-def marking_image(rectangle: Rectangle, pixels_per_metre: float, margin: float | None = None) -> Array:
+def marking_image(rectangle: Rectangle, pixels_per_metre: float, margin: float | None = None) -> Floats:
     """The sheet's picture (h, w) float32 in [0, 1], each pixel the mean tone over its area.
 
     The picture spans the sheet with its margin exactly, in at least pixels_per_metre along both of its sides.
@@ -121,7 +121,7 @@ def marking_image(rectangle: Rectangle, pixels_per_metre: float, margin: float |
     return image
 
 
-def _cover(start: float, stop: float, pixels_per_metre: float, size: int) -> tuple[slice, Array]:
+def _cover(start: float, stop: float, pixels_per_metre: float, size: int) -> tuple[slice, Floats]:
     """The pixels of a line of `size` that a span in metres touches, and the share of each that it covers."""
     a, b = start * pixels_per_metre, stop * pixels_per_metre
     first, last = max(0, int(np.floor(a))), min(size, int(np.ceil(b)))

@@ -10,12 +10,12 @@ from functools import lru_cache
 import cv2
 import numpy as np
 
+from quadrig.single.arrays import Floats
 from quadrig.single.lens import Intrinsics
 from quadrig.single.pose import Pose
 from quadrig.single.rectangle import Rectangle
 from quadrig.single.render.marking_image import marking_image, quiet_zone
 from quadrig.single.render.room import Room, room_light
-from quadrig.single.rotation import Array
 
 # Reflectance of printer's ink and of office paper.
 _INK, _WHITE = 0.05, 0.82
@@ -42,10 +42,10 @@ class Sheet:
 
     rectangle: Rectangle
     world_from_rect: Pose
-    texture: Array | None = None
+    texture: Floats | None = None
     margin: float | None = None
     tone: float = _WHITE
-    motion: Array | None = None
+    motion: Floats | None = None
 
     @property
     def border(self) -> float:
@@ -63,7 +63,7 @@ class RayGrid:
     """The rays of every pixel of a camera: rays (h, w, 3) float32, unit length, nan where the lens has none."""
 
     intrinsics: Intrinsics
-    rays: Array
+    rays: Floats
 
 
 def ray_grid(intrinsics: Intrinsics) -> RayGrid:
@@ -73,7 +73,7 @@ def ray_grid(intrinsics: Intrinsics) -> RayGrid:
     return RayGrid(intrinsics, rays.astype(np.float32))
 
 
-def backdrop(grid: RayGrid, camera_from_world: Pose, room: Room) -> Array:
+def backdrop(grid: RayGrid, camera_from_world: Pose, room: Room) -> Floats:
     """The empty room (h, w, 3) float32, linear light, for render's `background`: keep it while the camera stands."""
     return cv2.GaussianBlur(room_light(grid.rays, camera_from_world, room), (0, 0), 0.7)
 
@@ -83,7 +83,7 @@ def render(
     camera_from_world: Pose,
     sheets: Sequence[Sheet],
     *,
-    background: Room | Array | float = 0.4,
+    background: Room | Floats | float = 0.4,
     samples: int = 3,
     blur: float = 0.0,
     noise: float = 0.0,
@@ -91,7 +91,7 @@ def render(
     vignetting: float = 0.0,
     colour: bool = True,
     rng: np.random.Generator | None = None,
-) -> Array:
+) -> Floats:
     """The picture, uint8 (h, w, 3) blue green red, or (h, w) where colour is False.
 
     background: a Room, what `backdrop` made of it (h, w, 3) or (h, w), or one tone. samples: rays a pixel along
@@ -108,7 +108,7 @@ def render(
     return _expose(image, noise, exposure, vignetting, rng)
 
 
-def _background(grid: RayGrid, camera_from_world: Pose, background: Room | Array | float, colour: bool) -> Array:
+def _background(grid: RayGrid, camera_from_world: Pose, background: Room | Floats | float, colour: bool) -> Floats:
     height, width = grid.rays.shape[:2]
     if isinstance(background, Room):
         background = backdrop(grid, camera_from_world, background)
@@ -122,9 +122,9 @@ def _background(grid: RayGrid, camera_from_world: Pose, background: Room | Array
 
 
 def _paint(
-    image: Array,
-    depth: Array,
-    owner: Array,
+    image: Floats,
+    depth: Floats,
+    owner: Floats,
     index: int,
     sheet: Sheet,
     grid: RayGrid,
@@ -172,7 +172,7 @@ def _instants(sheet: Sheet, camera_from_world: Pose, focal: float) -> list[Pose]
     return [sheet.world_from_rect.retract(motion * ((k + 0.5) / count - 0.5)) for k in range(count)]
 
 
-def _plane_hits(cam_from_rect: Pose, rays: Array) -> tuple[Array, Array, Array, Array]:
+def _plane_hits(cam_from_rect: Pose, rays: Floats) -> tuple[Floats, Floats, Floats, Floats]:
     """Where rays (..., 3) meet the plane: x, y (m, in the rectangle's frame), distance (m), and whether from the
     front. x and y are far away where they do not."""
     rect_from_cam = cam_from_rect.inverse()
@@ -207,7 +207,9 @@ def _box_of_all(cam_from_rects: list[Pose], sheet: Sheet, grid: RayGrid, border:
     )
 
 
-def _cast(cam_from_rect: Pose, sheet: Sheet, rays: Array, samples: int, blur: float) -> tuple[Array, Array, Array]:
+def _cast(
+    cam_from_rect: Pose, sheet: Sheet, rays: Floats, samples: int, blur: float
+) -> tuple[Floats, Floats, Floats]:
     """Light of the sheet times its cover, its cover, and its distance, for rays (h, w, 3)."""
     x, y, distance, front = _plane_hits(cam_from_rect, rays)
     height, width = x.shape
@@ -226,7 +228,7 @@ def _cast(cam_from_rect: Pose, sheet: Sheet, rays: Array, samples: int, blur: fl
     return tone * np.float32(_shade(cam_from_rect)), alpha, distance
 
 
-def _mean_light(texture: Array, map_x: Array, map_y: Array, samples: int, blur: float) -> Array:
+def _mean_light(texture: Floats, map_x: Floats, map_y: Floats, samples: int, blur: float) -> Floats:
     """Mean over each pixel's samples of a texture (uint8) in [0, 1]; nothing lies beyond the texture."""
     fine = cv2.remap(texture, map_x, map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=0)
     if blur > 0:
@@ -244,7 +246,7 @@ def _shade(cam_from_rect: Pose) -> float:
     return 0.72 + 0.28 * abs(float(cam_from_rect.rotation[2, 2]))
 
 
-def _wanted_density(x: Array, y: Array, sheet: Sheet, samples: int) -> float:
+def _wanted_density(x: Floats, y: Floats, sheet: Sheet, samples: int) -> float:
     """Texels per metre that give about one texel a ray where the sheet is nearest to the camera."""
     inside = (np.abs(x) < sheet.size[0] / 2) & (np.abs(y) < sheet.size[1] / 2)
     step = np.hypot(np.diff(x, axis=1)[:-1], np.diff(y, axis=1)[:-1])[inside[:-1, :-1]]
@@ -254,7 +256,7 @@ def _wanted_density(x: Array, y: Array, sheet: Sheet, samples: int) -> float:
     return float(2 ** (np.ceil(4 * np.log2(wanted)) / 4))
 
 
-def _texture(sheet: Sheet, density: float) -> tuple[tuple[Array, Array], tuple[float, float]]:
+def _texture(sheet: Sheet, density: float) -> tuple[tuple[Floats, Floats], tuple[float, float]]:
     """Two (h, w) uint8 in a border of one empty texel: share of paper, and cover; and texels per metre.
 
     The two are one and the same array where nothing is printed.
@@ -266,11 +268,11 @@ def _texture(sheet: Sheet, density: float) -> tuple[tuple[Array, Array], tuple[f
 
 
 @lru_cache(maxsize=64)
-def _drawn_texture(rectangle: Rectangle, density: float, margin: float) -> tuple[Array, Array]:
+def _drawn_texture(rectangle: Rectangle, density: float, margin: float) -> tuple[Floats, Floats]:
     return _bordered(marking_image(rectangle, density, margin))
 
 
-def _bordered(picture: Array) -> tuple[Array, Array]:
+def _bordered(picture: Floats) -> tuple[Floats, Floats]:
     levels = np.rint(255 * np.asarray(picture, np.float32)).astype(np.uint8)
     cover = cv2.copyMakeBorder(np.full_like(levels, 255), 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=0)
     if np.all(levels == 255):
@@ -279,12 +281,12 @@ def _bordered(picture: Array) -> tuple[Array, Array]:
 
 
 def _expose(
-    image: Array,
+    image: Floats,
     noise: float,
     exposure: float,
     vignetting: float,
     rng: np.random.Generator | None,
-) -> Array:
+) -> Floats:
     gain = np.float32(255 * exposure)
     height, width = image.shape[:2]
     if vignetting > 0:
@@ -299,19 +301,19 @@ def _expose(
     return cv2.convertScaleAbs(np.maximum(image, 0, out=image))
 
 
-def _grain(height: int, width: int, rng: np.random.Generator) -> Array:
+def _grain(height: int, width: int, rng: np.random.Generator) -> Floats:
     """Normal noise (h, w): a random part of one long strip, since drawing it anew would take a third of the time."""
     start = int(rng.integers(0, _STRIP))
     return _strip(height * width + _STRIP)[start : start + height * width].reshape(height, width)
 
 
 @lru_cache(maxsize=4)
-def _strip(length: int) -> Array:
+def _strip(length: int) -> Floats:
     return np.random.default_rng(length).standard_normal(length, np.float32)
 
 
 @lru_cache(maxsize=8)
-def _vignette(width: int, height: int, strength: float) -> Array:
+def _vignette(width: int, height: int, strength: float) -> Floats:
     x = (np.arange(width, dtype=np.float32) - (width - 1) / 2) / (width / 2)
     y = (np.arange(height, dtype=np.float32) - (height - 1) / 2) / (height / 2)
     return (1 - strength * (x[None, :] ** 2 + y[:, None] ** 2) / 2).astype(np.float32)

@@ -5,8 +5,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from quadrig.single.arrays import Floats
 from quadrig.single.pose import Pose
-from quadrig.single.rotation import Array
 
 # Linear reflectances, blue green red.
 _BOARDS = np.array([0.22, 0.32, 0.42], np.float32)
@@ -26,7 +26,7 @@ class Room:
     world_from_room: Pose = field(default_factory=Pose.identity)
 
 
-def room_light(rays: Array, camera_from_world: Pose, room: Room) -> Array:
+def room_light(rays: Floats, camera_from_world: Pose, room: Room) -> Floats:
     """What each ray (h, w, 3) of the camera frame meets: linear light (h, w, 3), blue green red, about 0 to 1.
 
     Rays that are nan stay dark. A camera outside the room sees one that has grown to hold it.
@@ -46,7 +46,7 @@ def room_light(rays: Array, camera_from_world: Pose, room: Room) -> Array:
     return np.nan_to_num(light).astype(np.float32)
 
 
-def _surface(hit: Array, axis: Array, up: Array) -> Array:
+def _surface(hit: Floats, axis: Floats, up: Floats) -> Floats:
     x, y, z = hit[..., 0], hit[..., 1], hit[..., 2]
     colour = np.where((axis == 0)[..., None], _PAINT, _ACCENT)
     skirting = 1 / (1 + np.exp(np.clip((z - 0.09) * 300, -40, 40)))
@@ -56,7 +56,7 @@ def _surface(hit: Array, axis: Array, up: Array) -> Array:
     return np.where(((axis == 2) & up)[..., None], _CEILING, colour)
 
 
-def _board_grain(x: Array, y: Array) -> Array:
+def _board_grain(x: Floats, y: Floats) -> Floats:
     """Floor boards 0.14 m wide: each of its own shade, with a soft grain along it and a soft joint beside it."""
     across = x / 0.14
     board = np.floor(across)
@@ -66,7 +66,7 @@ def _board_grain(x: Array, y: Array) -> Array:
     return (1 + shade + grain) * (1 - 0.35 * joint)
 
 
-def _illumination(hit: Array, low: Array, high: Array) -> Array:
+def _illumination(hit: Floats, low: Floats, high: Floats) -> Floats:
     """A window's light from one side, and the dusk of the edges where two faces meet."""
     share = np.clip((hit - low) / (high - low), 0, 1)
     window = 1.05 + 0.35 * np.exp(-((share[..., 0] - 0.25) ** 2 + (share[..., 1] - 0.35) ** 2) / 0.18)

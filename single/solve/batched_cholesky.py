@@ -5,10 +5,10 @@ For 6 to 9 unknowns and thousands of members this is several times quicker than 
 
 import numpy as np
 
-from quadrig.single.rotation import Array
+from quadrig.single.arrays import Floats
 
 
-def cholesky(matrix: Array) -> Array:
+def cholesky(matrix: Floats) -> Floats:
     """Lower factors L (n, n, B) with L L^T = matrix (n, n, B); nan where a matrix is not positive definite."""
     size = len(matrix)
     factor = np.zeros_like(matrix)
@@ -25,7 +25,7 @@ def cholesky(matrix: Array) -> Array:
     return factor
 
 
-def solve(factor: Array, right: Array) -> Array:
+def solve(factor: Floats, right: Floats) -> Floats:
     """x (n, B) of L L^T x = right (n, B)."""
     size = len(factor)
     x = np.empty_like(right)
@@ -36,7 +36,7 @@ def solve(factor: Array, right: Array) -> Array:
     return x
 
 
-def inverse(factor: Array) -> Array:
+def inverse(factor: Floats) -> Floats:
     """(L L^T)^-1 (n, n, B)."""
     size = len(factor)
     low = np.zeros_like(factor)

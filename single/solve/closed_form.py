@@ -9,9 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from quadrig.single.arrays import Floats
 from quadrig.single.errors import QuadrigError
 from quadrig.single.pose import Pose
-from quadrig.single.rotation import Array
 from quadrig.single.solve.corners import Reason, check_centre, check_shape, reasons_of_areas
 from quadrig.single.solve.quadrilateral import Quadrilateral, Row, inverse_square_focal, pose_at, quadrilateral
 
@@ -30,18 +30,18 @@ class ClosedForm:
     reason is FOCAL_UNKNOWABLE the pose holds for the focal, as far as there is one (nan where noise left none).
     """
 
-    focal: Array
-    focal_sigma: Array
+    focal: Floats
+    focal_sigma: Floats
     cam_from_rect: Pose
     reason: NDArray[np.int8]
 
 
 def closed_form(
-    corners: Array,
-    width: Array | float,
-    height: Array | float,
-    principal_point: Array,
-    focal: Array | float | None = None,
+    corners: Floats,
+    width: Floats | float,
+    height: Floats | float,
+    principal_point: Floats,
+    focal: Floats | float | None = None,
     sigma: float = 0.3,
     photographed: bool = True,
 ) -> ClosedForm:
@@ -74,7 +74,7 @@ def closed_form(
     return ClosedForm(answer.focal.reshape(batch), answer.sigma.reshape(batch), pose, answer.reason.reshape(batch))
 
 
-def _row(value: Array | float, batch: tuple[int, ...], name: str) -> Array:
+def _row(value: Floats | float, batch: tuple[int, ...], name: str) -> Floats:
     """The value as one row: a single number stays one, anything else is spread over the batch."""
     value = np.asarray(value, float)
     if value.size == 1:
@@ -89,14 +89,14 @@ def _row(value: Array | float, batch: tuple[int, ...], name: str) -> Array:
 class _Answer:
     """Where the blocks write: focal, sigma, reason (N), rotation (N, 3, 3), translation (N, 3)."""
 
-    focal: Array
-    sigma: Array
-    rotation: Array
-    translation: Array
+    focal: Floats
+    sigma: Floats
+    rotation: Floats
+    translation: Floats
     reason: NDArray[np.int8]
 
 
-def _solve(corners: Array, given: list[Row], sigma: float, photographed: bool, answer: _Answer, part: slice) -> None:
+def _solve(corners: Floats, given: list[Row], sigma: float, photographed: bool, answer: _Answer, part: slice) -> None:
     """One block: corners (8, B) or (8), given: width, height, principal point's u and v, and a focal if known."""
     width, height, centre_u, centre_v = given[:4]
     per_width, per_height = 1 / width, 1 / height

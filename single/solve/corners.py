@@ -5,8 +5,8 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
+from quadrig.single.arrays import Floats
 from quadrig.single.errors import QuadrigError
-from quadrig.single.rotation import Array
 
 # Twice a triangle's area over the largest of the four: corners so nearly in one line would lie a billion times
 # nearer to the camera than their neighbours, which no picture shows.
@@ -41,7 +41,7 @@ REASON_WORDS = {
 """What each reason means and what to do, for people."""
 
 
-def corner_reasons(corners: Array, width: Array | float = 1.0, height: Array | float = 1.0) -> NDArray[np.int8]:
+def corner_reasons(corners: Floats, width: Floats | float = 1.0, height: Floats | float = 1.0) -> NDArray[np.int8]:
     """The Reason (as int8) of each quadrilateral. Corners (..., 4, 2) pixels in the order of Eq. 4, sides metres."""
     corners = check_shape(corners)
     areas = triangle_areas(np.moveaxis(corners, (-2, -1), (0, 1)))
@@ -51,7 +51,7 @@ def corner_reasons(corners: Array, width: Array | float = 1.0, height: Array | f
     return np.where(no_size & (reasons != Reason.NOT_FINITE), np.int8(Reason.NO_SIZE), reasons)
 
 
-def check_shape(corners: Array) -> Array:
+def check_shape(corners: Floats) -> Floats:
     """Corners as floats (..., 4, 2). Raises QuadrigError where the shape is another."""
     corners = np.asarray(corners, float)
     if corners.ndim < 2 or corners.shape[-2:] != (4, 2):
@@ -61,7 +61,7 @@ def check_shape(corners: Array) -> Array:
     return corners
 
 
-def check_centre(principal_point: Array, sigma: float) -> Array:
+def check_centre(principal_point: Floats, sigma: float) -> Floats:
     """The principal point as floats (..., 2). Raises QuadrigError where it or the noise is none."""
     centre = np.asarray(principal_point, float)
     if centre.ndim < 1 or centre.shape[-1] != 2:
@@ -71,7 +71,7 @@ def check_centre(principal_point: Array, sigma: float) -> Array:
     return centre
 
 
-def triangle_areas(corners: Array) -> Array:
+def triangle_areas(corners: Floats) -> Floats:
     """Twice the signed areas (4, ...) of the triangles that leave out P1, P2, P3, P4. Corners come as (4, 2, ...).
 
     They are also the depths of the four corners, up to one common scale.
@@ -83,7 +83,7 @@ def triangle_areas(corners: Array) -> Array:
     return np.roll(turn, -1, axis=0)
 
 
-def reasons_of_areas(areas: Array) -> NDArray[np.int8]:
+def reasons_of_areas(areas: Floats) -> NDArray[np.int8]:
     """Reasons (...) of the four signed areas (4, ...): what their signs say of the quadrilateral."""
     smallest, largest = areas.min(axis=0), areas.max(axis=0)
     reasons = np.zeros(smallest.shape, np.int8)
@@ -100,7 +100,7 @@ def reasons_of_areas(areas: Array) -> NDArray[np.int8]:
     return np.where(good, np.int8(Reason.OK), reasons)
 
 
-def in_turn(corners: Array) -> tuple[Array, bool]:
+def in_turn(corners: Floats) -> tuple[Floats, bool]:
     """Four corners (4, 2) in the turn of Eq. 4, and whether they had to be changed.
 
     Corners that turn the wrong way are read as by someone whose y axis points up, (+,+) being the top right: so P1

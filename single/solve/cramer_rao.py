@@ -2,8 +2,9 @@
 
 import numpy as np
 
+from quadrig.single.arrays import Floats
 from quadrig.single.pose import Pose, inverse_jacobian
-from quadrig.single.rotation import Array, angles_from_rotation, rotation_from_vector
+from quadrig.single.rotation import angles_from_rotation, rotation_from_vector
 from quadrig.single.solve.pinhole_model import Problem, covariances, rows, state_of
 
 # Mean absolute value of a normal error of unit sigma.
@@ -13,14 +14,14 @@ _ANGLE_STEP = 1e-5
 
 
 def cramer_rao(
-    points: Array,
-    focal: Array | float,
+    points: Floats,
+    focal: Floats | float,
     cam_from_rect: Pose,
-    principal_point: Array,
-    sigma: Array | float = 1.0,
+    principal_point: Floats,
+    sigma: Floats | float = 1.0,
     principal_point_sigma: float = 0.0,
     focal_known: bool = False,
-) -> Array:
+) -> Floats:
     """Least covariance (..., 9, 9) of (focal, cx, cy, step of cam_from_rect), px, radians, metres, at a true pose.
 
     points (..., P, 2 or 3) metres on the rectangle's plane, all seen; focal (...), cam_from_rect (...) and
@@ -46,7 +47,7 @@ def cramer_rao(
     return covariance.reshape(*batch, 9, 9)
 
 
-def paper_sigmas(covariance: Array, cam_from_rect: Pose) -> Array:
+def paper_sigmas(covariance: Floats, cam_from_rect: Pose) -> Floats:
     """Standard deviations (..., 7) of the paper's T_X, T_Y, T_Z (metres), theta_x, theta_y, theta_z (radians) and f
     (pixels), from a covariance (..., 9, 9) of (focal, cx, cy, step of cam_from_rect)."""
     jacobian = np.zeros((*cam_from_rect.translation.shape[:-1], 7, 9))

@@ -2,8 +2,9 @@
 
 import numpy as np
 
+from quadrig.single.arrays import Floats
 from quadrig.single.pose import Pose
-from quadrig.single.rotation import Array, rotation_from_vector
+from quadrig.single.rotation import rotation_from_vector
 from quadrig.single.solve.cramer_rao import cramer_rao
 
 # A focal known better than this needs no advice: other errors (the lens, the flatness of the sheet) are larger.
@@ -16,7 +17,7 @@ _TILTED_ENOUGH, _LEAST_NEARER, _MOST_NEARER = 0.75, 1.5, 4.0
 _WORTH_SAYING = 2 / 3
 
 
-def view_tilt(cam_from_rect: Pose) -> Array:
+def view_tilt(cam_from_rect: Pose) -> Floats:
     """Angle (...) in radians between the sheet's normal and the line of sight to its middle."""
     translation = cam_from_rect.translation
     sight = translation / np.linalg.norm(translation, axis=-1, keepdims=True)
@@ -24,10 +25,10 @@ def view_tilt(cam_from_rect: Pose) -> Array:
 
 
 def focal_advice(
-    points: Array,
+    points: Floats,
     focal: float,
     cam_from_rect: Pose,
-    principal_point: Array,
+    principal_point: Floats,
     sigma: float,
     principal_point_sigma: float,
     relative_sigma: float,
@@ -94,7 +95,7 @@ def _tilted(cam_from_rect: Pose, tilt: float) -> Pose:
     return Pose(rotation_from_vector(axis * turn) @ cam_from_rect.rotation, cam_from_rect.translation)
 
 
-def _room(points: Array, focal: float, cam_from_rect: Pose, image_size: tuple[int, int]) -> float:
+def _room(points: Floats, focal: float, cam_from_rect: Pose, image_size: tuple[int, int]) -> float:
     """How many times larger the sheet could appear before it is larger than the picture."""
     located = cam_from_rect.transform(points)
     seen = focal * located[:, :2] / located[:, 2:]

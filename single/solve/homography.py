@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from quadrig.single.rotation import Array
+from quadrig.single.arrays import Floats
 
 
-def homographies(points: Array, pixels: Array, weights: Array | None = None) -> Array:
+def homographies(points: Floats, pixels: Floats, weights: Floats | None = None) -> Floats:
     """H (..., 3, 3) with pixels ~ H (x, y, 1), least squares of the linear form (Hartley and Zisserman, 4.1).
 
     points (..., P, 2) in the plane, pixels (..., P, 2), P >= 4; weights (..., P): zero leaves a point out. The last
@@ -30,7 +30,7 @@ def homographies(points: Array, pixels: Array, weights: Array | None = None) -> 
     return result / result[..., 2:, 2:]
 
 
-def _solve_each(matrices: Array, right: Array) -> Array:
+def _solve_each(matrices: Floats, right: Floats) -> Floats:
     """Each system of a batch; nan for those that are singular, which must not cost the others their answer."""
     try:
         return np.linalg.solve(matrices, right[..., None])[..., 0]
@@ -43,7 +43,7 @@ def _solve_each(matrices: Array, right: Array) -> Array:
         return np.where(singular[..., None], np.nan, np.linalg.solve(safe, right[..., None])[..., 0])
 
 
-def _normalised(points: Array, weights: Array) -> tuple[Array, Array]:
+def _normalised(points: Floats, weights: Floats) -> tuple[Floats, Floats]:
     """Points about their mean with unit spread (..., P, 2), and the similarity (..., 3, 3) that made them so."""
     total = weights.sum(axis=-1)[..., None]
     mean = (points * weights[..., None]).sum(axis=-2) / total

@@ -5,10 +5,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from quadrig.single.arrays import Floats
 from quadrig.single.errors import QuadrigError
 from quadrig.single.lens import LENS_PARAMETERS, Intrinsics, project_with_derivatives
 from quadrig.single.pose import Pose
-from quadrig.single.rotation import Array, cross_matrix
+from quadrig.single.rotation import cross_matrix
 
 _MOST_STEPS = 100
 # A step that promises less than this (in units of sigma^2) moves the answer by a ten-thousandth of its own sigma.
@@ -28,19 +29,19 @@ class LensFit:
     """
 
     intrinsics: Intrinsics
-    lens_covariance: Array
+    lens_covariance: Floats
     cam_from_rects: Pose
-    pose_covariance: Array
-    lens_pose_covariance: Array
-    residuals: tuple[Array, ...]
+    pose_covariance: Floats
+    lens_pose_covariance: Floats
+    residuals: tuple[Floats, ...]
     chi2: float
     dof: int
     converged: bool
 
 
 def fit_lens(
-    points: Sequence[Array],
-    pixels: Sequence[Array],
+    points: Sequence[Floats],
+    pixels: Sequence[Floats],
     intrinsics: Intrinsics,
     cam_from_rects: Pose,
     free: Sequence[str],
@@ -89,13 +90,13 @@ class _Problem:
     """points (V, P, 3) and pixels (V, P, 2), seen (V, P) where they are no padding, sigma (V), free: indices of the
     lens parameters; prior_mean and prior_weight (9): one over the variance, zero where there is no prior."""
 
-    points: Array
-    pixels: Array
-    seen: Array
-    sigma: Array
-    free: Array
-    prior_mean: Array
-    prior_weight: Array
+    points: Floats
+    pixels: Floats
+    seen: Floats
+    sigma: Floats
+    free: Floats
+    prior_mean: Floats
+    prior_weight: Floats
     intrinsics: Intrinsics
 
 
@@ -122,7 +123,7 @@ def _problem(points, pixels, intrinsics: Intrinsics, free, sigma, prior: Mapping
     )
 
 
-def _linearised(problem: _Problem, lens: Array, poses: Pose) -> tuple[Array, Array, Array]:
+def _linearised(problem: _Problem, lens: Floats, poses: Pose) -> tuple[Floats, Floats, Floats]:
     """Residuals (V, P, 2), derivatives of the pixels by the free lens parameters (V, P, 2, n) and by the pose steps
     (V, P, 2, 6), all over sigma; zero where unseen."""
     turned = problem.points @ np.swapaxes(poses.rotation, -1, -2)
@@ -138,12 +139,12 @@ def _linearised(problem: _Problem, lens: Array, poses: Pose) -> tuple[Array, Arr
     return residuals, lens_rows, pose_rows
 
 
-def _chi2(problem: _Problem, lens: Array, residuals: Array) -> float:
+def _chi2(problem: _Problem, lens: Floats, residuals: Floats) -> float:
     prior = float((problem.prior_weight * (lens - problem.prior_mean) ** 2).sum())
     return float((residuals * residuals).sum()) + prior
 
 
-def _blocks(problem: _Problem, lens_rows: Array, pose_rows: Array) -> tuple[Array, Array, Array]:
+def _blocks(problem: _Problem, lens_rows: Floats, pose_rows: Floats) -> tuple[Floats, Floats, Floats]:
     """Blocks of the normal matrix: lens (n, n) with its priors, mixed (V, n, 6), poses (V, 6, 6)."""
     views = len(lens_rows)
     A = lens_rows.reshape(views, 2 * lens_rows.shape[1], len(problem.free))
@@ -153,7 +154,7 @@ def _blocks(problem: _Problem, lens_rows: Array, pose_rows: Array) -> tuple[Arra
     return own, A_t @ B, np.swapaxes(B, -1, -2) @ B
 
 
-def _search(problem: _Problem, lens: Array, poses: Pose) -> tuple[Array, Pose, float, bool]:
+def _search(problem: _Problem, lens: Floats, poses: Pose) -> tuple[Floats, Pose, float, bool]:
     residuals, lens_rows, pose_rows = _linearised(problem, lens, poses)
     chi2, damping = _chi2(problem, lens, residuals), _FIRST_DAMPING
     for _ in range(_MOST_STEPS):
@@ -185,8 +186,8 @@ def _search(problem: _Problem, lens: Array, poses: Pose) -> tuple[Array, Pose, f
 
 
 def _step(
-    own: Array, mixed: Array, pose_blocks: Array, lens_gradient: Array, pose_gradient: Array, damping: float
-) -> tuple[Array, Array]:
+    own: Floats, mixed: Floats, pose_blocks: Floats, lens_gradient: Floats, pose_gradient: Floats, damping: float
+) -> tuple[Floats, Floats]:
     """Step of the lens (n) and of the poses (V, 6), the poses eliminated first (Schur complement)."""
     damped = pose_blocks + damping * pose_blocks * np.eye(6)
     solved = np.linalg.solve(damped, np.concatenate([np.swapaxes(mixed, -1, -2), pose_gradient[..., None]], axis=-1))
@@ -196,7 +197,7 @@ def _step(
     return lens_step, solved[..., -1] - solved[..., :-1] @ lens_step
 
 
-def _covariances(problem: _Problem, lens: Array, poses: Pose) -> tuple[Array, Array, Array]:
+def _covariances(problem: _Problem, lens: Floats, poses: Pose) -> tuple[Floats, Floats, Floats]:
     """Of the lens (9, 9), of each pose (V, 6, 6), and between lens and pose (V, 9, 6)."""
     _, lens_rows, pose_rows = _linearised(problem, lens, poses)
     own, mixed, pose_blocks = _blocks(problem, lens_rows, pose_rows)

@@ -5,10 +5,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from quadrig.single.arrays import Floats
 from quadrig.single.errors import QuadrigError
 from quadrig.single.pose import Pose, inverse_jacobian
 from quadrig.single.rectangle import rectangle_corners
-from quadrig.single.rotation import Array
 from quadrig.single.solve.closed_form import ClosedForm, closed_form
 from quadrig.single.solve.corners import Reason, check_centre, check_shape
 from quadrig.single.solve.homography import homographies
@@ -37,21 +37,21 @@ class Solution:
     Bad members are nan. Where the reason is FOCAL_UNKNOWABLE the most likely values stand, with their large sigmas.
     """
 
-    focal: Array
-    principal_point: Array
+    focal: Floats
+    principal_point: Floats
     cam_from_rect: Pose
-    covariance: Array
-    chi2: Array
+    covariance: Floats
+    chi2: Floats
     dof: NDArray[np.int_]
     reason: NDArray[np.int8]
 
     @property
-    def focal_sigma(self) -> Array:
+    def focal_sigma(self) -> Floats:
         """Standard deviation (...) of the focal, px."""
         return np.sqrt(self.covariance[..., 0, 0])
 
     @property
-    def focal_interval(self) -> tuple[Array, Array]:
+    def focal_interval(self) -> tuple[Floats, Floats]:
         """The 95 % interval (...) of the focal, px: symmetric in 1/f, in which a weak view is nearly linear, so that
         it may reach infinity."""
         inverse = 1 / self.focal
@@ -60,7 +60,7 @@ class Solution:
             return 1 / (inverse + spread), np.where(inverse > spread, 1 / np.maximum(inverse - spread, 0), np.inf)
 
     @property
-    def pose_covariance(self) -> Array:
+    def pose_covariance(self) -> Floats:
         """Covariance (..., 6, 6) of the step of cam_from_rect (camera's frame)."""
         return self.covariance[..., 3:, 3:]
 
@@ -70,7 +70,7 @@ class Solution:
         return self.cam_from_rect.inverse()
 
     @property
-    def rect_from_cam_covariance(self) -> Array:
+    def rect_from_cam_covariance(self) -> Floats:
         """Covariance (..., 9, 9) of (focal, cx, cy, step of rect_from_cam): rectangle's frame."""
         jacobian = np.zeros(self.covariance.shape)
         jacobian[..., :3, :3] = np.eye(3)
@@ -79,12 +79,12 @@ class Solution:
 
 
 def solve_rectangles(
-    corners: Array,
-    width: Array | float,
-    height: Array | float,
-    principal_point: Array,
+    corners: Floats,
+    width: Floats | float,
+    height: Floats | float,
+    principal_point: Floats,
     *,
-    focal: Array | float | None = None,
+    focal: Floats | float | None = None,
     sigma: float = 0.3,
     principal_point_sigma: float = 0.0,
 ) -> Solution:
@@ -114,11 +114,11 @@ def solve_rectangles(
 
 
 def solve_points(
-    points: Array,
-    pixels: Array,
-    principal_point: Array,
+    points: Floats,
+    pixels: Floats,
+    principal_point: Floats,
     *,
-    focal: Array | float | None = None,
+    focal: Floats | float | None = None,
     sigma: float = 0.3,
     principal_point_sigma: float = 0.0,
     photographed: bool = True,
@@ -155,7 +155,7 @@ def solve_points(
     return _solution(task, batch)
 
 
-def _flat(value: Array | float, batch: tuple[int, ...], tail: int) -> Array:
+def _flat(value: Floats | float, batch: tuple[int, ...], tail: int) -> Floats:
     """The value as (members, ...), or (1, ...) where every member shares it."""
     value = np.asarray(value, float)
     own = value.shape[value.ndim - tail :]
@@ -165,7 +165,7 @@ def _flat(value: Array | float, batch: tuple[int, ...], tail: int) -> Array:
         raise QuadrigError(f"an array of the shape {value.shape} does not fit a batch of {batch} views") from None
 
 
-def _frame(points: Array, pixels: Array, seen: NDArray[np.bool_]) -> tuple[Array, Array, Array]:
+def _frame(points: Floats, pixels: Floats, seen: NDArray[np.bool_]) -> tuple[Floats, Floats, Floats]:
     """The rectangle around the points of each member: where its corners lie in the image by the homography of all
     points (N, 4, 2), its size (N, 2) and its middle (N, 2)."""
     with np.errstate(all="ignore"):
@@ -183,13 +183,13 @@ class _Task:
     """Members to solve: points (1 or N, P, 2), pixels (N, P, 2) with nan where unseen; the rectangle whose corners
     (N, 4, 2) px start them, its size and middle (1 or N, 2); centre (1 or N, 2); focal (1 or N) where known."""
 
-    points: Array
-    pixels: Array
-    corners: Array
-    size: Array
-    middle: Array
-    centre: Array
-    focal: Array | None
+    points: Floats
+    pixels: Floats
+    corners: Floats
+    size: Floats
+    middle: Floats
+    centre: Floats
+    focal: Floats | None
     sigma: float
     centre_sigma: float
     photographed: bool = True
@@ -201,7 +201,7 @@ class _Task:
         changed = {name: some(getattr(self, name)) for name in ("points", "size", "middle", "centre", "focal")}
         return replace(self, pixels=self.pixels[index], corners=self.corners[index], **changed)
 
-    def start(self, focal: Array | None) -> ClosedForm:
+    def start(self, focal: Floats | None) -> ClosedForm:
         size = self.size
         closed = closed_form(self.corners, size[:, 0], size[:, 1], self.centre, focal, self.sigma, self.photographed)
         if not self.middle.any():
@@ -210,7 +210,7 @@ class _Task:
         pose = closed.cam_from_rect
         return replace(closed, cam_from_rect=Pose(pose.rotation, pose.transform(offset)))
 
-    def fit(self, focal: Array, start: Pose) -> PinholeFit:
+    def fit(self, focal: Floats, start: Pose) -> PinholeFit:
         return fit_pinhole(
             self.points,
             self.pixels,
@@ -229,7 +229,7 @@ class _Task:
         return 2 * seen - (7 if self.focal is None else 6)
 
     @property
-    def reach(self) -> Array:
+    def reach(self) -> Floats:
         """Half the width of the picture (N), as far as the principal point and the corners tell it."""
         return np.maximum(self.centre.max(axis=-1), np.abs(self.corners - self.centre[:, None]).max(axis=(-1, -2)))
 

@@ -14,9 +14,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from quadrig.single.arrays import Floats
 from quadrig.single.pose import Pose
 from quadrig.single.rectangle import rectangle_corners
-from quadrig.single.rotation import Array, rotation_from_angles
+from quadrig.single.rotation import rotation_from_angles
 from quadrig.single.solve.corners import check_shape
 
 # The theta_z that images are turned to, radians: near 45 degrees, where tan and cot are both about one; the others
@@ -28,18 +29,18 @@ _TARGETS = np.radians([45.0, 38.0, 52.0, 33.0, 57.0])
 class PaperForm:
     """focal (...) px, the paper's angles (...) radians, and rect_from_cam, its [R T]; nan where it has no answer."""
 
-    focal: Array
-    theta_x: Array
-    theta_y: Array
-    theta_z: Array
+    focal: Floats
+    theta_x: Floats
+    theta_y: Floats
+    theta_z: Floats
     rect_from_cam: Pose
 
 
 def paper_form(
-    corners: Array,
-    width: Array | float,
-    height: Array | float,
-    principal_point: Array,
+    corners: Floats,
+    width: Floats | float,
+    height: Floats | float,
+    principal_point: Floats,
     photographed: bool = True,
 ) -> PaperForm:
     """Focal and pose by Eqs. 7-49.
@@ -65,7 +66,7 @@ def paper_form(
     return PaperForm(focal, tx, ty, tz, Pose(rotation_from_angles(tx, ty, tz), T))
 
 
-def _theta_z(corners: Array) -> Array:
+def _theta_z(corners: Floats) -> Floats:
     """Eqs. 45-49 with both sides multiplied by the B_j and y_j that the quotients share."""
     (x1, y1), (x2, y2), (x3, y3), (x4, y4) = (np.moveaxis(corners[..., k, :], -1, 0) for k in range(4))
     m1, m2 = x1 * y2 - x2 * y1, x3 * y4 - x4 * y3
@@ -74,7 +75,7 @@ def _theta_z(corners: Array) -> Array:
     return np.arctan2(m3, m4)
 
 
-def _turned(corners: Array, theta_z: Array) -> tuple[Array, Array]:
+def _turned(corners: Floats, theta_z: Floats) -> tuple[Floats, Floats]:
     """The corners turned about the principal point so that theta_z is near 45 degrees, and the angle added to it."""
     angles = _TARGETS - theta_z[..., None]
     cosine, sine = np.cos(angles)[..., None], np.sin(angles)[..., None]
@@ -88,7 +89,7 @@ def _turned(corners: Array, theta_z: Array) -> tuple[Array, Array]:
     return picked, np.take_along_axis(angles, best, axis=-1)[..., 0]
 
 
-def _solve(corners: Array, l1: Array, l2: Array, theta_z: Array) -> tuple[Array, Array, Array, Array, Array]:
+def _solve(corners: Floats, l1: Floats, l2: Floats, theta_z: Floats) -> tuple[Floats, Floats, Floats, Floats, Floats]:
     """Steps 4 to 11 of the paper's section 3: f, theta_x, theta_y, theta_z, T (..., 3)."""
     g = np.moveaxis(corners[..., 0], -1, 0)
     B = g / np.moveaxis(corners[..., 1], -1, 0)  # Eq. 7
@@ -116,7 +117,7 @@ def _solve(corners: Array, l1: Array, l2: Array, theta_z: Array) -> tuple[Array,
     return focal, theta_x, theta_y, theta_z, T
 
 
-def _depths(answer: tuple[Array, Array, Array, Array, Array], l1: Array, l2: Array) -> Array:
+def _depths(answer: tuple[Floats, Floats, Floats, Floats, Floats], l1: Floats, l2: Floats) -> Floats:
     """Depths (..., 4) of the corners in the camera's frame, by Eq. 5."""
     _, theta_x, theta_y, theta_z, T = answer
     axis = rotation_from_angles(theta_x, theta_y, theta_z)[..., :, 2]

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from quadrig.single.arrays import Floats
 from quadrig.single.pose import Pose
-from quadrig.single.rotation import Array
 from quadrig.single.solve import batched_cholesky as triangular
 from quadrig.single.solve.pinhole_model import (
     BLOCK,
@@ -46,22 +46,22 @@ class PinholeFit:
     steps (...): iterations used; converged (...).
     """
 
-    focal: Array
-    principal_point: Array
+    focal: Floats
+    principal_point: Floats
     cam_from_rect: Pose
-    covariance: Array
-    chi2: Array
+    covariance: Floats
+    chi2: Floats
     steps: NDArray[np.int16]
     converged: NDArray[np.bool_]
 
 
 def fit_pinhole(
-    points: Array,
-    pixels: Array,
-    focal: Array,
+    points: Floats,
+    pixels: Floats,
+    focal: Floats,
     cam_from_rect: Pose,
-    principal_point: Array,
-    sigma: Array | float = 1.0,
+    principal_point: Floats,
+    sigma: Floats | float = 1.0,
     principal_point_sigma: float = 0.0,
     focal_known: bool = False,
     photographed: bool = True,
@@ -106,9 +106,9 @@ def fit_pinhole(
 
 def _fit_of(
     problem: Problem,
-    state: Array,
-    covariance: Array,
-    chi2: Array,
+    state: Floats,
+    covariance: Floats,
+    chi2: Floats,
     steps: NDArray[np.int16],
     converged: NDArray[np.bool_],
     batch: tuple[int, ...],
@@ -129,7 +129,7 @@ def _fit_of(
     )
 
 
-def _search(problem: Problem, state: Array, limit: int) -> tuple[Array, Array, NDArray[np.int16]]:
+def _search(problem: Problem, state: Floats, limit: int) -> tuple[Floats, Floats, NDArray[np.int16]]:
     """Levenberg and Marquardt's method, each member with its own damping; members leave as they converge.
 
     Returns states, chi2 and steps used: `limit` for those that have not converged (chi2 nan where nothing fits).

@@ -15,8 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from quadrig.single.arrays import Floats
 from quadrig.single.pose import Pose
-from quadrig.single.rotation import Array
 from quadrig.single.solve import batched_cholesky as triangular
 
 # Members at a time: the derivatives of four corners at this length fit in a core's second-level cache.
@@ -27,16 +27,16 @@ BLOCK = 1024
 class Problem:
     """plane and pixels (P, 2, 1 or B), prior centre (2, 1 or B), noise (1 or B), focal (1 or B) where known."""
 
-    plane: Array
-    pixels: Array
-    centre: Array
-    noise: Array
+    plane: Floats
+    pixels: Floats
+    centre: Floats
+    noise: Floats
     centre_sigma: float
-    focal: Array | None
+    focal: Floats | None
     photographed: bool
 
     def members(self, index: NDArray[np.intp]) -> "Problem":
-        def some(rows: Array) -> Array:
+        def some(rows: Floats) -> Floats:
             return rows if rows.shape[-1] == 1 else rows[..., index]
 
         focal = None if self.focal is None else some(self.focal)
@@ -56,17 +56,17 @@ class Picture:
     """What a state shows: points turned into the camera's axes (3, P, B), residuals over sigma (2, P, B), pixels from
     the principal point (2, P, B), 1 / (1 + kappa c) (P, B) and chi2 (B)."""
 
-    turned: Array
-    residuals: Array
-    seen: Array
-    shrink: Array
-    chi2: Array
+    turned: Floats
+    residuals: Floats
+    seen: Floats
+    shrink: Floats
+    chi2: Floats
 
     def members(self, index: NDArray[np.intp]) -> "Picture":
         return Picture(*(getattr(self, name)[..., index] for name in self.__dataclass_fields__))
 
 
-def rows(value: Array | float, batch: tuple[int, ...], tail: tuple[int, ...]) -> Array:
+def rows(value: Floats | float, batch: tuple[int, ...], tail: tuple[int, ...]) -> Floats:
     """The value with its batch last: (*tail, members), or (*tail, 1) where every member shares it."""
     value = np.asarray(value, float)
     if value.ndim > len(tail):
@@ -74,7 +74,7 @@ def rows(value: Array | float, batch: tuple[int, ...], tail: tuple[int, ...]) ->
     return np.ascontiguousarray(np.moveaxis(value.reshape(-1, *tail), 0, -1))
 
 
-def state_of(focal: Array, cam_from_rect: Pose, centre: Array, batch: tuple[int, ...]) -> Array:
+def state_of(focal: Floats, cam_from_rect: Pose, centre: Floats, batch: tuple[int, ...]) -> Floats:
     """u0, v0, s, kappa, cx, cy and the rotation's first two columns (12, members)."""
     state = np.empty((12, int(np.prod(batch))))
     translation = rows(cam_from_rect.translation, batch, (3,))
@@ -86,7 +86,7 @@ def state_of(focal: Array, cam_from_rect: Pose, centre: Array, batch: tuple[int,
     return state
 
 
-def picture_of(problem: Problem, state: Array) -> Picture:
+def picture_of(problem: Problem, state: Floats) -> Picture:
     """Unseen points (nan) have no residual; the prior of the principal point counts in chi2."""
     x, y = problem.plane[:, 0], problem.plane[:, 1]
     u0, v0, s, kappa, cx, cy = state[:6]
@@ -112,7 +112,7 @@ def picture_of(problem: Problem, state: Array) -> Picture:
     return Picture(turned, residuals, seen, shrink, chi2)
 
 
-def derivatives(problem: Problem, state: Array, picture: Picture) -> Array:
+def derivatives(problem: Problem, state: Floats, picture: Picture) -> Floats:
     """J (n, 2P, B) over sigma of the pixels by u0, v0, s and kappa (or kappa alone along s = f kappa), the rotation
     step, and cx, cy where they are free."""
     a, b, c = picture.turned
@@ -150,7 +150,7 @@ def derivatives(problem: Problem, state: Array, picture: Picture) -> Array:
     return J.reshape(size, -1, c.shape[-1])
 
 
-def normal_matrix(problem: Problem, J: Array) -> Array:
+def normal_matrix(problem: Problem, J: Floats) -> Floats:
     """J^T J (n, n, B), the prior of the principal point added."""
     size = len(J)
     normal = np.empty((size, size, J.shape[-1]))
@@ -163,14 +163,14 @@ def normal_matrix(problem: Problem, J: Array) -> Array:
     return normal
 
 
-def gradient_of(problem: Problem, state: Array, J: Array, residuals: Array) -> Array:
+def gradient_of(problem: Problem, state: Floats, J: Floats, residuals: Floats) -> Floats:
     gradient = (J * residuals.reshape(-1, residuals.shape[-1])).sum(axis=1)
     if problem.centre_sigma > 0:
         gradient[-2:] += (problem.centre - state[4:6]) / problem.centre_sigma**2
     return gradient
 
 
-def moved(problem: Problem, state: Array, step: Array) -> Array:
+def moved(problem: Problem, state: Floats, step: Floats) -> Floats:
     """The state after a step (n, B)."""
     new = state.copy()
     new[0:2] += step[0:2]
@@ -197,14 +197,14 @@ def moved(problem: Problem, state: Array, step: Array) -> Array:
     return new
 
 
-def mirror_to_front(state: Array) -> None:
+def mirror_to_front(state: Floats) -> None:
     """Where kappa < 0, the same picture with kappa > 0: the rectangle mirrored in depth."""
     behind = np.flatnonzero(state[3] < 0)
     for row in (3, 8, 11):
         state[row, behind] *= -1
 
 
-def covariances(problem: Problem, state: Array) -> Array:
+def covariances(problem: Problem, state: Floats) -> Floats:
     members = state.shape[1]
     covariance = np.empty((members, 9, 9))
     for first in range(0, members, BLOCK):
@@ -213,7 +213,7 @@ def covariances(problem: Problem, state: Array) -> Array:
     return covariance
 
 
-def _covariance(problem: Problem, state: Array) -> Array:
+def _covariance(problem: Problem, state: Floats) -> Floats:
     """Covariance (B, 9, 9) of (focal, cx, cy, rotation step, translation step)."""
     J = derivatives(problem, state, picture_of(problem, state))
     inner = triangular.inverse(triangular.cholesky(normal_matrix(problem, J)))

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from quadrig.single.arrays import Floats
 from quadrig.single.pose import Pose
-from quadrig.single.rotation import Array, cross_matrix
+from quadrig.single.rotation import cross_matrix
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,10 +21,10 @@ class PlanarPoses:
     """
 
     camera_from_rect: Pose
-    errors: Array
+    errors: Floats
 
 
-def planar_poses(homography: Array, points: Array, plane: Array, weights: Array | None = None) -> PlanarPoses:
+def planar_poses(homography: Floats, points: Floats, plane: Floats, weights: Floats | None = None) -> PlanarPoses:
     """Both poses of planes whose points were seen by a lens that is known.
 
     homography (..., 3, 3): from rectangle (x, y, 1) metres to the plane z = 1 of the camera. points (..., P, 3)
@@ -50,7 +51,7 @@ def planar_poses(homography: Array, points: Array, plane: Array, weights: Array 
     )
 
 
-def _rotations(homography: Array) -> Array:
+def _rotations(homography: Floats) -> Floats:
     """The two rotations (..., 2, 3, 3) that a homography allows."""
     h = homography / homography[..., 2:, 2:]
     middle = h[..., :2, 2]
@@ -75,7 +76,7 @@ def _rotations(homography: Array) -> Array:
     return np.stack(candidates, axis=-3)
 
 
-def _rotation_to(middle: Array) -> Array:
+def _rotation_to(middle: Floats) -> Floats:
     """The smallest rotation that takes the optical axis to the ray through (middle, 1)."""
     ray = np.concatenate([middle, np.ones((*middle.shape[:-1], 1))], axis=-1)
     ray = ray / np.linalg.norm(ray, axis=-1, keepdims=True)
@@ -84,7 +85,7 @@ def _rotation_to(middle: Array) -> Array:
     return np.eye(3) + cross + cross @ cross / (1 + ray[..., 2])[..., None, None]
 
 
-def _translations(turned: Array, plane: Array, weights: Array) -> Array:
+def _translations(turned: Floats, plane: Floats, weights: Floats) -> Floats:
     """Least-squares translations (..., 3): each point asks that x (Z + tz) = X + tx, and so for y."""
     u, v = plane[..., 0], plane[..., 1]
     x, y, z = turned[..., 0], turned[..., 1], turned[..., 2]

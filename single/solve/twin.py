@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from quadrig.single.arrays import Floats
 from quadrig.single.pose import Pose
-from quadrig.single.rotation import Array
 from quadrig.single.solve.pinhole_fit import fit_pinhole
 
 # Rotations nearer than this (rad) are one optimum: searches stop a ten-thousandth of a sigma from it, and two optima
@@ -24,9 +24,9 @@ class Twins:
     """
 
     cam_from_rect: Pose
-    chi2: Array
-    covariance: Array
-    converged: Array
+    chi2: Floats
+    covariance: Floats
+    converged: Floats
 
     @property
     def exists(self) -> NDArray[np.bool_]:
@@ -34,12 +34,12 @@ class Twins:
         return np.isfinite(self.chi2[..., 1])
 
     @property
-    def log_likelihood_ratio(self) -> Array:
+    def log_likelihood_ratio(self) -> Floats:
         """By how much (...) the first is preferred: ln of its likelihood over its twin's."""
         return 0.5 * (self.chi2[..., 1] - self.chi2[..., 0])
 
     @property
-    def certainty(self) -> Array:
+    def certainty(self) -> Floats:
         """Probability (...) of the first, both tilts being equally likely beforehand."""
         return 1 / (1 + np.exp(-self.log_likelihood_ratio))
 
@@ -56,12 +56,12 @@ def mirrored(cam_from_rect: Pose) -> Pose:
 
 
 def twin_poses(
-    points: Array,
-    pixels: Array,
-    focal: Array | float,
-    principal_point: Array,
+    points: Floats,
+    pixels: Floats,
+    focal: Floats | float,
+    principal_point: Floats,
     start: Pose,
-    sigma: Array | float = 1.0,
+    sigma: Floats | float = 1.0,
     principal_point_sigma: float = 0.0,
 ) -> Twins:
     """Both local optima of the pose for a known focal, each at its maximum of likelihood.
@@ -102,7 +102,7 @@ def twin_poses(
     )
 
 
-def _twice(value: Array | float, batch: tuple[int, ...], tail: int) -> Array:
+def _twice(value: Floats | float, batch: tuple[int, ...], tail: int) -> Floats:
     """The value with an axis of its two candidates after its batch; what all members share stays as it is."""
     value = np.asarray(value, float)
     if value.ndim <= tail:

@@ -319,8 +319,8 @@ WRITES_UNTIL_KILLED = """
 import sys, time
 from pathlib import Path
 import numpy as np
-from quadrig.io.frame import Frame
-from quadrig.io.live_recorder import LiveRecorder
+from quadrig.io.live.frame import Frame
+from quadrig.io.live.recorder import LiveRecorder
 recorder = LiveRecorder(Path(sys.argv[1]))
 noise = np.random.default_rng(0).integers(0, 255, 60_000, np.uint8).tobytes()
 while True:

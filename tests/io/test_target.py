@@ -11,16 +11,16 @@ import pytest
 from quadrig.io.commands.main import run
 from quadrig.io.config.rig_toml import parse_config, read_config
 from quadrig.io.sheet.layout import paper_named, parse_ids, parse_length, parse_measured
+from quadrig.single.arrays import Floats
 from quadrig.single.detect.image_search import detect
 from quadrig.single.errors import QuadrigError
 from quadrig.single.marking import ChessboardMarking
 from quadrig.single.rectangle import PAPER_SIZES, Rectangle
-from quadrig.single.rotation import Array
 
 DPI = 150
 
 
-def rendered(pdf: Path) -> list[Array]:
+def rendered(pdf: Path) -> list[Floats]:
     # pdftoppm of the same package moves edges to whole pixels; pdftocairo leaves them where they are.
     if shutil.which("pdftocairo") is None:
         pytest.skip("pdftocairo (poppler-utils), which renders the PDF, is not installed")
@@ -28,7 +28,7 @@ def rendered(pdf: Path) -> list[Array]:
     return [cv2.imread(str(p), cv2.IMREAD_GRAYSCALE) for p in sorted(pdf.parent.glob(f"{pdf.stem}-*.png"))]
 
 
-def drawn(tmp_path: Path, capsys, *arguments: str) -> tuple[tuple[Rectangle, ...], list[Array]]:
+def drawn(tmp_path: Path, capsys, *arguments: str) -> tuple[tuple[Rectangle, ...], list[Floats]]:
     """The rectangles that the printed rig.toml lines tell of, and the pages."""
     pdf = tmp_path / "sheet.pdf"
     assert run(["target", *arguments, "-o", str(pdf)]) == 0

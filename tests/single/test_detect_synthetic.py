@@ -5,6 +5,7 @@ import itertools
 import numpy as np
 import pytest
 
+from quadrig.single.arrays import Floats
 from quadrig.single.detect.blank_sheet import detect_plain
 from quadrig.single.detect.dictionaries import canonical_dictionary, dictionary_names
 from quadrig.single.detect.image_search import check_rectangles, detect
@@ -14,7 +15,7 @@ from quadrig.single.marking import CharucoMarking, ChessboardMarking, Marking, P
 from quadrig.single.pose import Pose
 from quadrig.single.rectangle import Rectangle
 from quadrig.single.render.picture import Sheet, ray_grid, render
-from quadrig.single.rotation import Array, rotation_from_vector
+from quadrig.single.rotation import rotation_from_vector
 from quadrig.single.view import View
 
 LENS = Intrinsics(480, 360, 520.0, np.array([242.0, 178.0]), np.array([-0.25, 0.08, 1e-3, -5e-4, 0.0]))
@@ -36,12 +37,12 @@ def pose(x: float, y: float, z: float, tilt=(0.0, 0.0, 0.0)) -> Pose:
     return Pose(rotation_from_vector(np.array(tilt)), np.array([x, y, z]))
 
 
-def picture(rectangle: Rectangle, where: Pose, *, tone: float = 0.82, **light) -> Array:
+def picture(rectangle: Rectangle, where: Pose, *, tone: float = 0.82, **light) -> Floats:
     light = {"noise": 1.0, "blur": 0.6, "samples": 6, "background": 0.4, **light}
     return render(GRID, Pose.identity(), [Sheet(rectangle, where, tone=tone)], colour=False, **light)
 
 
-def errors(view: View, where: Pose) -> Array:
+def errors(view: View, where: Pose) -> Floats:
     """Pixels seen less pixels of the truth, for the reading that fits."""
     gaps = [view.pixels - LENS.project(where.transform(points)) for points in view.readings]
     return min(gaps, key=lambda gap: float(np.abs(gap).max()))

@@ -170,10 +170,11 @@ marking = { kind = "chessboard", columns = 10, rows = 8, square = 0.05 }
 SCRIPT = """
 import sys
 from pathlib import Path
-from quadrig.io.detections import find_views
-from quadrig.io.framesets import build_framesets
-from quadrig.io.recording import open_recording
-from quadrig.single.rectangle import ChessboardMarking, Rectangle
+from quadrig.io.recording.framesets import build_framesets
+from quadrig.io.recording.recorded_cameras import open_recording
+from quadrig.io.search.detections import find_views
+from quadrig.single.marking import ChessboardMarking
+from quadrig.single.rectangle import Rectangle
 
 opened = open_recording([Path(sys.argv[1])])
 board = Rectangle("board", 0.5, 0.4, ChessboardMarking(10, 8, 0.05))
