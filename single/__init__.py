@@ -1,1 +1,47 @@
 """One camera, one image: corners in; focal, pose and covariance out. Pure functions on arrays."""
+
+from typing import TYPE_CHECKING
+
+from quadrig.single.lazy import lazy_names
+
+if TYPE_CHECKING:
+    from quadrig.single.arrays import Floats as Floats
+    from quadrig.single.arrays import Ints as Ints
+    from quadrig.single.arrays import Mask as Mask
+    from quadrig.single.arrays import Picture as Picture
+    from quadrig.single.calibration import Calibration as Calibration
+    from quadrig.single.calibration import calibrate_view as calibrate_view
+    from quadrig.single.calibration import calibrate_views as calibrate_views
+    from quadrig.single.errors import QuadrigError as QuadrigError
+    from quadrig.single.lens import LENS_PARAMETERS as LENS_PARAMETERS
+    from quadrig.single.lens import Intrinsics as Intrinsics
+    from quadrig.single.lens import project as project
+    from quadrig.single.lens import unproject as unproject
+    from quadrig.single.pose import Pose as Pose
+    from quadrig.single.rectangle import Rectangle as Rectangle
+    from quadrig.single.solve.closed_form import closed_form as closed_form
+    from quadrig.single.solve.cramer_rao import cramer_rao as cramer_rao
+    from quadrig.single.view import View as View
+
+_MODULE_OF = {
+    "Floats": "arrays",
+    "Ints": "arrays",
+    "Mask": "arrays",
+    "Picture": "arrays",
+    "Calibration": "calibration",
+    "calibrate_view": "calibration",
+    "calibrate_views": "calibration",
+    "QuadrigError": "errors",
+    "LENS_PARAMETERS": "lens",
+    "Intrinsics": "lens",
+    "project": "lens",
+    "unproject": "lens",
+    "Pose": "pose",
+    "Rectangle": "rectangle",
+    "closed_form": "solve.closed_form",
+    "cramer_rao": "solve.cramer_rao",
+    "View": "view",
+}
+
+__all__ = list(_MODULE_OF)
+__getattr__, __dir__ = lazy_names(__name__, _MODULE_OF)
