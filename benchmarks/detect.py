@@ -17,10 +17,10 @@ import numpy as np
 from quadrig.io.demo.scene import demo_scene
 from quadrig.single.arrays import Floats
 from quadrig.single.detect.dictionaries import tag_dictionary
-from quadrig.single.detect.image_search import detect
+from quadrig.single.detect.image_search import detect_views
 from quadrig.single.marking import CharucoMarking, TagMarking, board_points, charuco_tag_squares
 from quadrig.single.rectangle import Rectangle
-from quadrig.single.render.picture import backdrop, ray_grid, render
+from quadrig.single.render.picture import backdrop, ray_grid, render_image
 from quadrig.single.render.room import Room
 
 # Corners of one rectangle by name: its points (P, 3) m and pixels (P, 2).
@@ -46,7 +46,7 @@ def shoot(framesets: int, quality: int) -> tuple[list[Shot], tuple[Rectangle, ..
         rng = np.random.default_rng(number)
         for frameset in range(framesets):
             sheets = scene.sheets(frameset)
-            image = render(
+            image = render_image(
                 grid, camera_from_world, sheets, background=empty, blur=0.6, noise=1.5, exposure=1.25, rng=rng
             )
             code = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, quality])[1]
@@ -114,7 +114,7 @@ def ours(rectangles: Sequence[Rectangle], follow: bool) -> Callable[[Shot], Foun
     def run(shot: Shot) -> Found:
         number = count[shot.camera] = count.get(shot.camera, -1) + 1
         near = before.get(shot.camera) if follow and number % 25 else None
-        views = detect(shot.image, rectangles, near=near)
+        views = detect_views(shot.image, rectangles, near=near)
         before[shot.camera] = views
         return {view.rectangle: (view.points, view.pixels) for view in views}
 

@@ -25,7 +25,7 @@ from quadrig.io.recording.convert import image_writer
 from quadrig.io.whole_file import written_beside
 from quadrig.io.workers import run_tasks
 from quadrig.single.pose import Pose
-from quadrig.single.render.picture import Sheet, backdrop, ray_grid, render
+from quadrig.single.render.picture import Sheet, backdrop, ray_grid, render_image
 from quadrig.single.view import View
 
 FRAMESETS = 300
@@ -79,7 +79,7 @@ def shoot(shots: Shots) -> list[tuple[int, bytes]]:
         board = Sheet(scene.board, scene.board_poses[frameset], motion=_motion(scene, frameset))
         sheets = [*scene.furniture, *scene.static, board]
         rng = np.random.default_rng([shots.camera, frameset])
-        image = render(
+        image = render_image(
             grid, camera_from_world, sheets, background=room, samples=2, blur=0.6, noise=2.0, vignetting=0.15, rng=rng
         )
         pictures.append((frameset, cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 95])[1].tobytes()))

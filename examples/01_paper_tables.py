@@ -15,12 +15,12 @@ import cv2
 import numpy as np
 
 from quadrig.single.calibration import calibrate_view
-from quadrig.single.detect.image_search import detect
+from quadrig.single.detect.image_search import detect_views
 from quadrig.single.lens import Intrinsics
 from quadrig.single.marking import ChessboardMarking
 from quadrig.single.pose import Pose
 from quadrig.single.rectangle import Rectangle, rectangle_corners
-from quadrig.single.render.picture import Sheet, render
+from quadrig.single.render.picture import Sheet, render_image
 from quadrig.single.rotation import angles_from_rotation, rotation_from_angles
 from quadrig.single.solve.closed_form import closed_form
 from quadrig.single.solve.cramer_rao import MEAN_ABSOLUTE, cramer_rao, paper_sigmas
@@ -62,9 +62,9 @@ def grid() -> np.ndarray:
     return np.stack([x.ravel(), y.ravel(), np.zeros(64)], axis=-1)
 
 
-def image_of(cam_from_rect: Pose, points: np.ndarray) -> np.ndarray:
+def image_of(camera_from_rect: Pose, points: np.ndarray) -> np.ndarray:
     """Eq. 6, without asking whether a point lies in front of the camera."""
-    located = cam_from_rect.transform(points)
+    located = camera_from_rect.transform(points)
     return FOCAL * located[..., :2] / located[..., 2:] + CENTRE
 
 
@@ -84,12 +84,12 @@ class Errors:
         return int((~np.isfinite(self.errors).all(axis=1)).sum())
 
 
-def errors_of(rect_from_cam: Pose, focal: np.ndarray, truth: Pose, seconds: float) -> Errors:
+def errors_of(rect_from_camera: Pose, focal: np.ndarray, truth: Pose, seconds: float) -> Errors:
     """Errors against the truth. Of two poses that a formal projection cannot tell apart (every point's depth changes
     its sign) the one on the truth's side of the sheet counts."""
-    rotation, T = rect_from_cam.rotation, rect_from_cam.translation
+    rotation, T = rect_from_camera.rotation, rect_from_camera.translation
     other_side = T[..., 2] * truth.translation[2] < 0
-    # cam_from_rect with its x and y axes and its translation negated: the sheet turned about its own normal.
+    # camera_from_rect with its x and y axes and its translation negated: the sheet turned about its own normal.
     turned = np.diag([-1.0, -1.0, 1.0]) @ rotation
     flipped = np.diag([1.0, 1.0, -1.0]) @ T[..., None]
     rotation = np.where(other_side[..., None, None], turned, rotation)
@@ -102,7 +102,7 @@ def errors_of(rect_from_cam: Pose, focal: np.ndarray, truth: Pose, seconds: floa
 
 
 def five_points(pixels: np.ndarray) -> tuple[np.ndarray, Pose]:
-    """Focal (N) and rect_from_cam from five points on two orthogonal 1-D objects that share one, as [22] has them.
+    """Focal (N) and rect_from_camera from five points on two orthogonal 1-D objects that share one, as [22] has them.
 
     pixels (N, 5, 2): the shared corner (-, -), then 35 and 70 cm along x, 35 and 70 cm along y. Written from the
     description in the paper: three points with known lengths give each object's direction and depths, two orthogonal
@@ -134,8 +134,8 @@ def five_points(pixels: np.ndarray) -> tuple[np.ndarray, Pose]:
 
 
 def zhang(views: list[np.ndarray]) -> tuple[np.ndarray, Pose]:
-    """Focal (N) and rect_from_cam of the first of three views (N, 64, 2) by OpenCV's implementation of [7], told what
-    the others know: the principal point, square pixels, no distortion."""
+    """Focal (N) and rect_from_camera of the first of three views (N, 64, 2) by OpenCV's implementation of [7], given
+    what the others know: the principal point, square pixels, no distortion."""
     flags = (
         cv2.CALIB_USE_INTRINSIC_GUESS | cv2.CALIB_FIX_PRINCIPAL_POINT | cv2.CALIB_FIX_ASPECT_RATIO
         | cv2.CALIB_ZERO_TANGENT_DIST | cv2.CALIB_FIX_K1 | cv2.CALIB_FIX_K2 | cv2.CALIB_FIX_K3
@@ -160,12 +160,12 @@ def table_2(
 ) -> dict[str, Errors]:
     """Every method on the same noisy points."""
     truth = Pose(rotation_from_angles(*ANGLES), T)
-    points, cam_from_rect = grid(), truth.inverse()
-    exact = image_of(cam_from_rect, points)
+    points, camera_from_rect = grid(), truth.inverse()
+    exact = image_of(camera_from_rect, points)
     noisy = exact + rng.normal(0, noise, (runs, 64, 2))
     corner = np.array([-SIDE / 2, -SIDE / 2, 0.0])
     along = np.array([[0, 0, 0], [0.35, 0, 0], [0.70, 0, 0], [0, 0.35, 0], [0, 0.70, 0]])
-    five = image_of(cam_from_rect, along + corner) + rng.normal(0, noise, (runs, 5, 2))
+    five = image_of(camera_from_rect, along + corner) + rng.normal(0, noise, (runs, 5, 2))
     others = []
     for turned in ((-20.0, 35.0, 40.0), (30.0, -30.0, 50.0)):
         rotation = rotation_from_angles(*np.radians(turned))
@@ -177,29 +177,29 @@ def table_2(
 
     def run(method) -> Errors:
         begin = time.perf_counter()
-        focal, rect_from_cam = method()
-        return errors_of(rect_from_cam, np.asarray(focal), truth, (time.perf_counter() - begin) / len(focal))
+        focal, rect_from_camera = method()
+        return errors_of(rect_from_camera, np.asarray(focal), truth, (time.perf_counter() - begin) / len(focal))
 
     def four_by_paper():
         answer = paper_form(noisy[:, OUTER], SIDE, SIDE, CENTRE, photographed)
-        return answer.focal, answer.rect_from_cam
+        return answer.focal, answer.rect_from_camera
 
     def four_in_closed_form():
         answer = closed_form(noisy[:, OUTER], SIDE, SIDE, CENTRE, sigma=noise, photographed=photographed)
-        return answer.focal, answer.cam_from_rect.inverse()
+        return answer.focal, answer.camera_from_rect.inverse()
 
     def four_corners():
         answer = solve_points(points[OUTER], noisy[:, OUTER], CENTRE, sigma=noise, photographed=photographed)
-        return answer.focal, answer.rect_from_cam
+        return answer.focal, answer.rect_from_camera
 
     def all_by_homography():
         corners = corners_of_homography(noisy)
         answer = paper_form(corners, SIDE, SIDE, CENTRE, photographed)
-        return answer.focal, answer.rect_from_cam
+        return answer.focal, answer.rect_from_camera
 
     def all_points():
         answer = solve_points(points, noisy, CENTRE, sigma=noise, photographed=photographed)
-        return answer.focal, answer.rect_from_cam
+        return answer.focal, answer.rect_from_camera
 
     return {
         "[22] five points": run(lambda: five_points(five)),
@@ -265,13 +265,13 @@ BOARD = Rectangle("board", 0.30, 0.40, ChessboardMarking(9, 12, 0.40 / 12))
 
 def rendered(truth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """What a rendered picture of the 30 x 40 cm board gives for (T cm, theta degrees, f), and its sigmas."""
-    rect_from_cam = Pose(rotation_from_angles(*np.radians(truth[3:6])), truth[:3] / 100)
+    rect_from_camera = Pose(rotation_from_angles(*np.radians(truth[3:6])), truth[:3] / 100)
     lens = Intrinsics.centred(2300, 1800, truth[6])
-    picture = render(lens, rect_from_cam.inverse(), [Sheet(BOARD, Pose.identity())], blur=0.5)
-    (view,) = detect(picture, [BOARD])
+    picture = render_image(lens, rect_from_camera.inverse(), [Sheet(BOARD, Pose.identity())], blur=0.5)
+    (view,) = detect_views(picture, [BOARD])
     found = calibrate_view(view, (2300, 1800), principal_point=lens.principal_point, distortion="none")
-    pose = found.rect_from_cams[0]
-    sigmas = paper_sigmas(found.covariance(), found.cam_from_rects[0])
+    pose = found.rect_from_cameras[0]
+    sigmas = paper_sigmas(found.covariance(), found.camera_from_rects[0])
     values = np.array(
         [*100 * pose.translation, *np.degrees(angles_from_rotation(pose.rotation)), found.intrinsics.focal]
     )
@@ -317,8 +317,8 @@ def print_tables_5_and_6(folder: Path) -> None:
         for chosen, unseen in ((slice(None), 0.0), (ZHANG_OUTER, 0.2)):
             view = View("board", points[chosen], pixels[chosen], sigma=0.2)
             found = calibrate_view(view, (640, 480), principal_point=centre, distortion_sigma=unseen)
-            t = found.cam_from_rects[0].transform(-middle) / INCH
-            angles = zhang_angles(found.cam_from_rects[0].rotation)
+            t = found.camera_from_rects[0].transform(-middle) / INCH
+            angles = zhang_angles(found.camera_from_rects[0].rotation)
             results.append((np.array([*t, *angles, found.intrinsics.focal]), found.focal_sigma))
         table = {1: "Table 5, ", 3: "Table 6, "}.get(number, "")
         print(f"\n{table}view {number} of the Microsoft data set, alone: T in inches, theta in degrees, f in px")

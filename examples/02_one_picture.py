@@ -8,12 +8,12 @@ Here the picture is rendered, so that the truth is known; with a photograph cv2.
 import numpy as np
 
 from quadrig.single.calibration import calibrate_view
-from quadrig.single.detect.image_search import detect
+from quadrig.single.detect.image_search import detect_views
 from quadrig.single.lens import Intrinsics
 from quadrig.single.marking import TagMarking
 from quadrig.single.pose import Pose
 from quadrig.single.rectangle import Rectangle
-from quadrig.single.render.picture import Sheet, render
+from quadrig.single.render.picture import Sheet, render_image
 
 
 def main() -> None:
@@ -21,13 +21,13 @@ def main() -> None:
     tag = Rectangle("desk", 0.16, 0.16, TagMarking("apriltag_36h11", 7))
     lens = Intrinsics.centred(1280, 720, 900.0)
     camera_from_rect = Pose.from_vectors(np.array([0.7, 0.3, 0.1]), np.array([0.02, -0.01, 0.45]))
-    picture = render(lens, camera_from_rect, [Sheet(tag, Pose.identity())], blur=0.6, noise=1.5)
+    picture = render_image(lens, camera_from_rect, [Sheet(tag, Pose.identity())], blur=0.6, noise=1.5)
 
-    (view,) = detect(picture, [tag])
+    (view,) = detect_views(picture, [tag])
     found = calibrate_view(view, (1280, 720), principal_point=lens.principal_point, distortion="none")
 
     distance_sigma = np.sqrt(found.pose_covariance[0, 5, 5])
-    distance = found.cam_from_rects.translation[0, 2]
+    distance = found.camera_from_rects.translation[0, 2]
     print(f"focal {found.intrinsics.focal:.1f} +- {found.focal_sigma:.1f} px, truth {lens.focal:.1f}")
     print(f"distance {1e3 * distance:.1f} +- {1e3 * distance_sigma:.1f} mm, truth 450.0")
 

@@ -19,13 +19,13 @@ from quadrig.rig.coach.conversation import Coach
 from quadrig.rig.problem.camera_input import CameraInput
 from quadrig.rig.result import Rig
 from quadrig.single.arrays import Floats
-from quadrig.single.detect.image_search import detect
+from quadrig.single.detect.image_search import detect_views
 from quadrig.single.errors import QuadrigError
 from quadrig.single.lens import Intrinsics
 from quadrig.single.marking import TagMarking
 from quadrig.single.pose import Pose
 from quadrig.single.rectangle import Rectangle
-from quadrig.single.render.picture import Sheet, ray_grid, render
+from quadrig.single.render.picture import Sheet, ray_grid, render_image
 from quadrig.single.rotation import rotation_from_vector
 from quadrig.single.view import View
 
@@ -111,7 +111,7 @@ def framesets_until(target: float, person: Person, room: Room, rng: np.random.Ge
         assert coach.advice is not None
         world_from_rect = person(rng, room, coach.advice, rig)
         for name, grid, pose in zip(room.names, grids, room.world_from_cameras, strict=True):
-            picture = render(
+            picture = render_image(
                 grid,
                 pose.inverse(),
                 [Sheet(SHEET, world_from_rect)],
@@ -123,7 +123,7 @@ def framesets_until(target: float, person: Person, room: Room, rng: np.random.Ge
             )
             views += [
                 View(v.rectangle, v.points, v.pixels, name, frameset, v.alternatives, v.sigma)
-                for v in detect(picture, [SHEET])
+                for v in detect_views(picture, [SHEET])
             ]
         shown = frozenset(view.camera for view in views if view.frameset == frameset)
         try:

@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from quadrig.single.calibration import Calibration as Calibration
     from quadrig.single.calibration import calibrate_view as calibrate_view
     from quadrig.single.calibration import calibrate_views as calibrate_views
+    from quadrig.single.detect.image_search import detect_views as detect_views
     from quadrig.single.errors import QuadrigError as QuadrigError
     from quadrig.single.lens import LENS_PARAMETERS as LENS_PARAMETERS
     from quadrig.single.lens import Intrinsics as Intrinsics
@@ -19,6 +20,8 @@ if TYPE_CHECKING:
     from quadrig.single.lens import unproject as unproject
     from quadrig.single.pose import Pose as Pose
     from quadrig.single.rectangle import Rectangle as Rectangle
+    from quadrig.single.render.picture import Sheet as Sheet
+    from quadrig.single.render.picture import render_image as render_image
     from quadrig.single.solve.closed_form import closed_form as closed_form
     from quadrig.single.solve.cramer_rao import cramer_rao as cramer_rao
     from quadrig.single.view import View as View
@@ -31,6 +34,7 @@ _MODULE_OF = {
     "Calibration": "calibration",
     "calibrate_view": "calibration",
     "calibrate_views": "calibration",
+    "detect_views": "detect.image_search",
     "QuadrigError": "errors",
     "LENS_PARAMETERS": "lens",
     "Intrinsics": "lens",
@@ -38,6 +42,8 @@ _MODULE_OF = {
     "unproject": "lens",
     "Pose": "pose",
     "Rectangle": "rectangle",
+    "Sheet": "render.picture",
+    "render_image": "render.picture",
     "closed_form": "solve.closed_form",
     "cramer_rao": "solve.cramer_rao",
     "View": "view",

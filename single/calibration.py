@@ -45,7 +45,7 @@ _MISFIT = 9.0
 class Calibration:
     """One camera from its Views.
 
-    intrinsics; lens_covariance (9, 9) in the order of LENS_PARAMETERS; cam_from_rects: a batch (V) in the order of
+    intrinsics; lens_covariance (9, 9) in the order of LENS_PARAMETERS; camera_from_rects: a batch (V) in the order of
     the Views, pose_covariance (V, 6, 6) of their steps, lens_pose_covariance (V, 9, 6). rms: root mean square
     residual a point, px; noise: standard deviation of a pixel coordinate that the covariances are for.
     reason: OK or FOCAL_UNKNOWABLE; readings: which reading of each View was taken; twins: for one View, both tilts at
@@ -54,7 +54,7 @@ class Calibration:
 
     intrinsics: Intrinsics
     lens_covariance: Floats
-    cam_from_rects: Pose
+    camera_from_rects: Pose
     pose_covariance: Floats
     lens_pose_covariance: Floats
     residuals: tuple[Floats, ...]
@@ -78,7 +78,7 @@ class Calibration:
         return 1 / (inverse + spread), 1 / (inverse - spread) if inverse > spread else np.inf
 
     def covariance(self, view: int = 0) -> Floats:
-        """Covariance (9, 9) of (focal, cx, cy, step of cam_from_rect) for one of the Views."""
+        """Covariance (9, 9) of (focal, cx, cy, step of camera_from_rect) for one of the Views."""
         result = np.zeros((9, 9))
         result[:3, :3] = self.lens_covariance[:3, :3]
         result[:3, 3:] = self.lens_pose_covariance[view, :3]
@@ -87,14 +87,14 @@ class Calibration:
         return result
 
     @property
-    def rect_from_cams(self) -> Pose:
+    def rect_from_cameras(self) -> Pose:
         """The camera in the frame of each View's rectangle: the paper's [R T], a batch (V)."""
-        return self.cam_from_rects.inverse()
+        return self.camera_from_rects.inverse()
 
     @property
-    def rect_from_cam_covariance(self) -> Floats:
-        """Covariance (V, 6, 6) of the steps of rect_from_cams (rectangle's frame)."""
-        jacobian = inverse_jacobian(self.cam_from_rects)
+    def rect_from_camera_covariance(self) -> Floats:
+        """Covariance (V, 6, 6) of the steps of rect_from_cameras (rectangle's frame)."""
+        jacobian = inverse_jacobian(self.camera_from_rects)
         return jacobian @ self.pose_covariance @ np.swapaxes(jacobian, -1, -2)
 
 
@@ -234,8 +234,8 @@ def _start(views: Sequence[View], given: _Given, alone: Sequence[Solution]) -> t
         focal = float(weight.sum() / (weight * inverse)[weight > 0].sum()) if known else float(max(given.image_size))
         if len(views) > 1 or not known:
             at_focal = [_alone(view, given, view.points, focal) for view in views]
-    rotations = np.stack([answer.cam_from_rect.rotation for answer in at_focal])
-    translations = np.stack([answer.cam_from_rect.translation for answer in at_focal])
+    rotations = np.stack([answer.camera_from_rect.rotation for answer in at_focal])
+    translations = np.stack([answer.camera_from_rect.translation for answer in at_focal])
     return Intrinsics(*given.image_size, focal, given.centre.copy()), Pose(rotations, translations)
 
 
@@ -261,7 +261,7 @@ def _fitted(
     best = fit(start, poses, ladder[0])
     used = ladder[0]
     for coefficients in ladder[1:]:
-        richer = fit(best.intrinsics, best.cam_from_rects, coefficients)
+        richer = fit(best.intrinsics, best.camera_from_rects, coefficients)
         variance = max(richer.chi2 / max(richer.dof, 1), 1e-300)
         if not (richer.converged and best.chi2 - richer.chi2 > _WORTH_A_COEFFICIENT * variance):
             break
@@ -271,7 +271,7 @@ def _fitted(
         # Last, at the right noise: before the radial terms are in, tangential ones would go after their residuals.
         prior |= {"p1": given.decentring, "p2": given.decentring}
     if given.decentring > 0 or excess > 1:
-        best = fit(best.intrinsics, best.cam_from_rects, used, excess)
+        best = fit(best.intrinsics, best.camera_from_rects, used, excess)
     return best, excess
 
 
@@ -286,7 +286,7 @@ def _calibration(
     return Calibration(
         fit.intrinsics,
         fit.lens_covariance,
-        fit.cam_from_rects,
+        fit.camera_from_rects,
         fit.pose_covariance,
         fit.lens_pose_covariance,
         fit.residuals,
@@ -305,7 +305,7 @@ def _twins(view: View, given: _Given, fit: LensFit, noise: float) -> Twins:
     rays = lens.unproject(view.pixels)
     with np.errstate(all="ignore"):
         straight = lens.focal * rays[:, :2] / rays[:, 2:] + lens.principal_point
-    return twin_poses(view.points, straight, lens.focal, lens.principal_point, fit.cam_from_rects[0], noise)
+    return twin_poses(view.points, straight, lens.focal, lens.principal_point, fit.camera_from_rects[0], noise)
 
 
 def _notes(
@@ -333,7 +333,7 @@ def _notes(
             notes += focal_advice(
                 views[0].points,
                 fit.intrinsics.focal,
-                fit.cam_from_rects[0],
+                fit.camera_from_rects[0],
                 fit.intrinsics.principal_point,
                 noise,
                 given.centre_sigma,
@@ -341,7 +341,7 @@ def _notes(
                 given.image_size,
             )
         elif relative > 0.01:
-            tilts = np.degrees(view_tilt(fit.cam_from_rects))
+            tilts = np.degrees(view_tilt(fit.camera_from_rects))
             notes.append(
                 f"the focal is known to {percent(relative)}: the tilts are {tilts.min():.0f} to {tilts.max():.0f} "
                 "degrees; add Views tilted by about 40"

@@ -10,7 +10,7 @@ import typer
 from quadrig.io.report.single import json_report, text_report
 from quadrig.single.arrays import Floats
 from quadrig.single.calibration import Distortion, calibrate_view
-from quadrig.single.detect.image_search import detect
+from quadrig.single.detect.image_search import detect_views
 from quadrig.single.errors import QuadrigError
 from quadrig.single.marking import CharucoMarking, ChessboardMarking, Marking, PlainMarking, PointsMarking, TagMarking
 from quadrig.single.rectangle import PAPER_SIZES, Rectangle
@@ -223,7 +223,7 @@ def _rectangle(size: tuple[float, float] | None, marking: Marking) -> Rectangle:
 
 
 def _found(picture: Floats, rectangle: Rectangle, path: Path) -> View:
-    views = detect(picture, [rectangle])
+    views = detect_views(picture, [rectangle])
     if not views:
         sought = {
             "tag": "the tag",

@@ -16,7 +16,7 @@ from quadrig.io.workers import run_tasks
 from quadrig.rig.result import Rig
 from quadrig.single.arrays import Floats
 from quadrig.single.pose import Pose
-from quadrig.single.render.picture import RayGrid, backdrop, ray_grid, render
+from quadrig.single.render.picture import RayGrid, backdrop, ray_grid, render_image
 
 # What a usual industrial camera does to a picture: blur and noise of its lens and sensor, px and grey levels.
 _BLUR, _NOISE, _VIGNETTING, _EXPOSURE = 0.6, 1.5, 0.15, 1.25
@@ -85,7 +85,7 @@ def write_demo_recording(path: Path, scene: Scene, workers: int | None = None, p
 def picture(camera: SceneCamera, scene: Scene, frameset: int) -> Floats:
     """What a camera of the scene takes in a frameset, uint8 (h, w, 3) blue green red."""
     grid, empty_room = _still(camera)
-    return render(
+    return render_image(
         grid,
         camera.world_from_camera.inverse(),
         scene.sheets(frameset),

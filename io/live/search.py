@@ -16,7 +16,7 @@ from quadrig.io.live.frame import Frame, Picture
 from quadrig.single.arrays import Floats
 from quadrig.single.detect.charuco import detect_charuco
 from quadrig.single.detect.dictionaries import canonical_dictionary
-from quadrig.single.detect.image_search import check_rectangles, detect
+from quadrig.single.detect.image_search import check_rectangles, detect_views
 from quadrig.single.detect.tag import detect_tags, find_tags
 from quadrig.single.detect.tag_ids import known_tags
 from quadrig.single.marking import CharucoMarking, TagMarking, charuco_tag_squares
@@ -126,9 +126,9 @@ class LiveSearch:
         for rectangle in self._untagged:
             if rectangle.name in before:
                 window, corner = _window(grey, before[rectangle.name])
-                views += [replace(view, pixels=view.pixels + corner) for view in detect(window, [rectangle])]
+                views += [replace(view, pixels=view.pixels + corner) for view in detect_views(window, [rectangle])]
             elif thorough:
-                views += detect(grey, [rectangle])
+                views += detect_views(grey, [rectangle])
         return views
 
 

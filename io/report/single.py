@@ -18,8 +18,8 @@ def text_report(
     name: str, rectangle: Rectangle, view: View, calibration: Calibration, said: Sequence[str] = ()
 ) -> str:
     """Lines for people; `said`: sentences on what was put right in the input."""
-    lens, pose = calibration.intrinsics, calibration.rect_from_cams[0]
-    sigmas = paper_sigmas(calibration.covariance(), calibration.cam_from_rects[0])
+    lens, pose = calibration.intrinsics, calibration.rect_from_cameras[0]
+    sigmas = paper_sigmas(calibration.covariance(), calibration.camera_from_rects[0])
     angles = np.degrees(np.array(angles_from_rotation(pose.rotation)))
     low, high = calibration.focal_interval
     focal = f"{lens.focal:.1f} px"
@@ -52,14 +52,14 @@ def json_report(
     name: str, rectangle: Rectangle, view: View, calibration: Calibration, said: Sequence[str] = ()
 ) -> str:
     """The same as JSON; what is without bound is null."""
-    lens, pose = calibration.intrinsics, calibration.rect_from_cams[0]
-    sigmas = paper_sigmas(calibration.covariance(), calibration.cam_from_rects[0])
+    lens, pose = calibration.intrinsics, calibration.rect_from_cameras[0]
+    sigmas = paper_sigmas(calibration.covariance(), calibration.camera_from_rects[0])
     lens_sigmas = np.sqrt(np.diag(calibration.lens_covariance))
     twins = calibration.twins
     twin = None
     if twins is not None and twins.exists:
         twin = {
-            "rect_from_camera": twins.cam_from_rect[1].inverse().matrix(),
+            "rect_from_camera": twins.camera_from_rect[1].inverse().matrix(),
             "log_likelihood_ratio": twins.log_likelihood_ratio,
         }
     values = {
@@ -84,7 +84,7 @@ def json_report(
             "position_m": sigmas[:3],
             "theta_deg": np.degrees(sigmas[3:6]),
         },
-        "covariance": calibration.rect_from_cam_covariance[0],
+        "covariance": calibration.rect_from_camera_covariance[0],
         "rms_px": calibration.rms,
         "noise_px": calibration.noise,
         "twin": twin,
@@ -104,7 +104,7 @@ def _twin_line(calibration: Calibration) -> str:
 
 
 def _tilt(calibration: Calibration) -> float:
-    return float(np.degrees(view_tilt(calibration.cam_from_rects[0])))
+    return float(np.degrees(view_tilt(calibration.camera_from_rects[0])))
 
 
 def _list(values: Floats, digits: int) -> str:

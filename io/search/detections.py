@@ -16,7 +16,7 @@ from quadrig.io.recording.recorded_cameras import Recording
 from quadrig.io.search.detection_file import Found, camera_key, keep_detections, read_detections
 from quadrig.io.workers import run_tasks
 from quadrig.single.arrays import Floats
-from quadrig.single.detect.image_search import detect
+from quadrig.single.detect.image_search import detect_views
 from quadrig.single.rectangle import Rectangle
 from quadrig.single.view import View
 
@@ -102,7 +102,7 @@ def search_images(
     previous = -_FOLLOWS - 1
     for index, image in zip(images.tolist(), source.images(), strict=True):
         near = before if index - previous <= _FOLLOWS else None
-        before = None if image is None else tuple(detect(image, rectangles, near=near))
+        before = None if image is None else tuple(detect_views(image, rectangles, near=near))
         found.append(before)
         previous = index
     return found

@@ -32,7 +32,7 @@ def save_calibration(path: Path, picture: Floats, rectangle: Rectangle, view: Vi
     import rerun as rr
     import rerun.blueprint as rrb
 
-    lens, pose = calibration.intrinsics, calibration.rect_from_cams[0]
+    lens, pose = calibration.intrinsics, calibration.rect_from_cameras[0]
     blueprint = rrb.Blueprint(
         rrb.Horizontal(
             rrb.Spatial3DView(origin="/"), rrb.Spatial2DView(origin="/camera/image"), column_shares=[1, 1]
@@ -58,20 +58,20 @@ def save_calibration(path: Path, picture: Floats, rectangle: Rectangle, view: Vi
         recording.log(
             "camera/image/fitted", rr.Points2D(fitted, colors=_FITTED, radii=rr.Radius.ui_points(2)), static=True
         )
-        edge = lens.project(calibration.cam_from_rects[0].transform(_dense(outline)))
+        edge = lens.project(calibration.camera_from_rects[0].transform(_dense(outline)))
         recording.log("camera/image/outline", rr.LineStrips2D([edge], colors=[_FITTED]), static=True)
         twins = calibration.twins
         if twins is not None and twins.log_likelihood_ratio < _EXCLUDED:
-            _log_camera(recording, "twin", twins.cam_from_rect[1].inverse(), calibration, 0.12 * distance, _TWIN)
+            _log_camera(recording, "twin", twins.camera_from_rect[1].inverse(), calibration, 0.12 * distance, _TWIN)
 
 
 def _log_camera(
-    recording, name: str, rect_from_cam, calibration: Calibration, size: float, colour: list[int]
+    recording, name: str, rect_from_camera, calibration: Calibration, size: float, colour: list[int]
 ) -> None:
     import rerun as rr
 
     lens = calibration.intrinsics
-    transform = rr.Transform3D(translation=rect_from_cam.translation, mat3x3=rect_from_cam.rotation)
+    transform = rr.Transform3D(translation=rect_from_camera.translation, mat3x3=rect_from_camera.rotation)
     recording.log(name, transform, static=True)
     recording.log(
         f"{name}/image",

@@ -20,7 +20,7 @@ from quadrig.single.view import View
 _REACH, _LEAST_REACH = 0.45, 24
 
 
-def detect(image: Floats, rectangles: Sequence[Rectangle], *, near: Sequence[View] | None = None) -> list[View]:
+def detect_views(image: Floats, rectangles: Sequence[Rectangle], *, near: Sequence[View] | None = None) -> list[View]:
     """The Views of all rectangles that are surely in the image, in the order of the rectangles; [] where none is.
 
     image: uint8, (h, w) grey or (h, w, 3) blue green red. A tag gives its four corners in Eq. 4's order, a

@@ -74,11 +74,11 @@ def ray_grid(intrinsics: Intrinsics) -> RayGrid:
 
 
 def backdrop(grid: RayGrid, camera_from_world: Pose, room: Room) -> Floats:
-    """The empty room (h, w, 3) float32, linear light, for render's `background`: keep it while the camera stands."""
+    """The empty room (h, w, 3) float32, linear light: a background for all pictures of a camera that stands still."""
     return cv2.GaussianBlur(room_light(grid.rays, camera_from_world, room), (0, 0), 0.7)
 
 
-def render(
+def render_image(
     camera: Intrinsics | RayGrid,
     camera_from_world: Pose,
     sheets: Sequence[Sheet],
@@ -132,22 +132,24 @@ def _paint(
     samples: int,
     blur: float,
 ) -> None:
-    cam_from_rects = [camera_from_world @ pose for pose in _instants(sheet, camera_from_world, grid.intrinsics.focal)]
-    box = _box_of_all(cam_from_rects, sheet, grid, int(np.ceil(3 * blur)))
+    camera_from_rects = [
+        camera_from_world @ pose for pose in _instants(sheet, camera_from_world, grid.intrinsics.focal)
+    ]
+    box = _box_of_all(camera_from_rects, sheet, grid, int(np.ceil(3 * blur)))
     if box is None:
         return
     tone = alpha = nearest = None
     # Instants of a motion lie apart like samples do: together they are as many as asked for.
-    samples = max(1, -(-samples // len(cam_from_rects)))
-    for cam_from_rect in cam_from_rects:
-        step_tone, step_alpha, step_depth = _cast(cam_from_rect, sheet, grid.rays[box], samples, blur)
+    samples = max(1, -(-samples // len(camera_from_rects)))
+    for camera_from_rect in camera_from_rects:
+        step_tone, step_alpha, step_depth = _cast(camera_from_rect, sheet, grid.rays[box], samples, blur)
         tone = step_tone if tone is None else tone + step_tone
         alpha = step_alpha if alpha is None else alpha + step_alpha
         nearest = step_depth if nearest is None else np.minimum(nearest, step_depth)
     assert tone is not None
     assert alpha is not None
     assert nearest is not None
-    tone, alpha = tone / len(cam_from_rects), alpha / len(cam_from_rects)
+    tone, alpha = tone / len(camera_from_rects), alpha / len(camera_from_rects)
     gap = nearest - depth[box]
     on_top = (gap < -_THICKNESS) | ((gap < _THICKNESS) & (index > owner[box]))
     alpha = np.where(on_top, alpha, 0)
@@ -172,12 +174,12 @@ def _instants(sheet: Sheet, camera_from_world: Pose, focal: float) -> list[Pose]
     return [sheet.world_from_rect.retract(motion * ((k + 0.5) / count - 0.5)) for k in range(count)]
 
 
-def _plane_hits(cam_from_rect: Pose, rays: Floats) -> tuple[Floats, Floats, Floats, Floats]:
+def _plane_hits(camera_from_rect: Pose, rays: Floats) -> tuple[Floats, Floats, Floats, Floats]:
     """Where rays (..., 3) meet the plane: x, y (m, in the rectangle's frame), distance (m), and whether from the
     front. x and y are far away where they do not."""
-    rect_from_cam = cam_from_rect.inverse()
-    origin = rect_from_cam.translation.astype(np.float32)
-    direction = rays @ rect_from_cam.rotation.T.astype(np.float32)
+    rect_from_camera = camera_from_rect.inverse()
+    origin = rect_from_camera.translation.astype(np.float32)
+    direction = rays @ rect_from_camera.rotation.T.astype(np.float32)
     with np.errstate(divide="ignore", invalid="ignore"):
         distance = -origin[2] / direction[..., 2]
     hit = distance > 0
@@ -187,13 +189,15 @@ def _plane_hits(cam_from_rect: Pose, rays: Floats) -> tuple[Floats, Floats, Floa
     return x, y, distance, direction[..., 2] > 0
 
 
-def _box_of_all(cam_from_rects: list[Pose], sheet: Sheet, grid: RayGrid, border: int) -> tuple[slice, slice] | None:
+def _box_of_all(
+    camera_from_rects: list[Pose], sheet: Sheet, grid: RayGrid, border: int
+) -> tuple[slice, slice] | None:
     """Rows and columns of the image that hold the sheet at any instant, with a border of px, or None."""
     coarse = grid.rays[::_STRIDE, ::_STRIDE]
     half_width, half_height = sheet.size[0] / 2, sheet.size[1] / 2
     covered = np.zeros(coarse.shape[:2], bool)
-    for cam_from_rect in cam_from_rects:
-        x, y, distance, _ = _plane_hits(cam_from_rect, coarse)
+    for camera_from_rect in camera_from_rects:
+        x, y, distance, _ = _plane_hits(camera_from_rect, coarse)
         # A sheet smaller than the stride could fall between two rays: what a stride covers is added.
         slack = 2 * _STRIDE * distance / grid.intrinsics.focal
         covered |= (np.abs(x) < half_width + slack) & (np.abs(y) < half_height + slack) & (distance < 1e5)
@@ -208,10 +212,10 @@ def _box_of_all(cam_from_rects: list[Pose], sheet: Sheet, grid: RayGrid, border:
 
 
 def _cast(
-    cam_from_rect: Pose, sheet: Sheet, rays: Floats, samples: int, blur: float
+    camera_from_rect: Pose, sheet: Sheet, rays: Floats, samples: int, blur: float
 ) -> tuple[Floats, Floats, Floats]:
     """Light of the sheet times its cover, its cover, and its distance, for rays (h, w, 3)."""
-    x, y, distance, front = _plane_hits(cam_from_rect, rays)
+    x, y, distance, front = _plane_hits(camera_from_rect, rays)
     height, width = x.shape
     texture, density = _texture(sheet, _wanted_density(x, y, sheet, samples))
     map_x = (x + np.float32(sheet.size[0] / 2)) * np.float32(density[0]) + np.float32(0.5)
@@ -222,10 +226,10 @@ def _cast(
         map_x, map_y = cv2.resize(map_x, size), cv2.resize(map_y, size)
     alpha = _mean_light(texture[1], map_x, map_y, samples, blur)
     if texture[0] is texture[1]:
-        return sheet.tone * alpha * np.float32(_shade(cam_from_rect)), alpha, distance
+        return sheet.tone * alpha * np.float32(_shade(camera_from_rect)), alpha, distance
     printed = _mean_light(texture[0], map_x, map_y, samples, blur)
     tone = np.where(front, _INK * alpha + (sheet.tone - _INK) * printed, sheet.tone * alpha)
-    return tone * np.float32(_shade(cam_from_rect)), alpha, distance
+    return tone * np.float32(_shade(camera_from_rect)), alpha, distance
 
 
 def _mean_light(texture: Floats, map_x: Floats, map_y: Floats, samples: int, blur: float) -> Floats:
@@ -241,9 +245,9 @@ def _mean_light(texture: Floats, map_x: Floats, map_y: Floats, samples: int, blu
     return fine * np.float32(1 / 255)
 
 
-def _shade(cam_from_rect: Pose) -> float:
+def _shade(camera_from_rect: Pose) -> float:
     """A sheet that turns from the camera is a little darker: a lamp stands beside every camera."""
-    return 0.72 + 0.28 * abs(float(cam_from_rect.rotation[2, 2]))
+    return 0.72 + 0.28 * abs(float(camera_from_rect.rotation[2, 2]))
 
 
 def _wanted_density(x: Floats, y: Floats, sheet: Sheet, samples: int) -> float:

@@ -25,14 +25,15 @@ _UNKNOWABLE = 0.5
 class ClosedForm:
     """Focal and pose of each member of a batch (...).
 
-    focal (...) px; focal_sigma (...) px for the noise the call was given; cam_from_rect with rotation (..., 3, 3) and
-    translation (..., 3) metres; reason (...) int8, a Reason. A member of bad input is nan throughout. Where the
-    reason is FOCAL_UNKNOWABLE the pose holds for the focal, as far as there is one (nan where noise left none).
+    focal (...) px; focal_sigma (...) px for the noise the call was given; camera_from_rect with rotation
+    (..., 3, 3) and translation (..., 3) metres; reason (...) int8, a Reason. A member of bad input is nan
+    throughout. Where the reason is FOCAL_UNKNOWABLE the pose holds for the focal, as far as there is one (nan where
+    noise left none).
     """
 
     focal: Floats
     focal_sigma: Floats
-    cam_from_rect: Pose
+    camera_from_rect: Pose
     reason: NDArray[np.int8]
 
 

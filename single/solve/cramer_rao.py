@@ -16,21 +16,21 @@ _ANGLE_STEP = 1e-5
 def cramer_rao(
     points: Floats,
     focal: Floats | float,
-    cam_from_rect: Pose,
+    camera_from_rect: Pose,
     principal_point: Floats,
     sigma: Floats | float = 1.0,
     principal_point_sigma: float = 0.0,
     focal_known: bool = False,
 ) -> Floats:
-    """Least covariance (..., 9, 9) of (focal, cx, cy, step of cam_from_rect), px, radians, metres, at a true pose.
+    """Least covariance (..., 9, 9) of (focal, cx, cy, step of camera_from_rect), px, radians, metres, at a true pose.
 
-    points (..., P, 2 or 3) metres on the rectangle's plane, all seen; focal (...), cam_from_rect (...) and
-    principal_point (..., 2) are the truth, and the batch is that of cam_from_rect; sigma: standard deviation of a
+    points (..., P, 2 or 3) metres on the rectangle's plane, all seen; focal (...), camera_from_rect (...) and
+    principal_point (..., 2) are the truth, and the batch is that of camera_from_rect; sigma: standard deviation of a
     pixel coordinate; principal_point_sigma: of the prior of each coordinate (0: known).
     Source: the inverse of the Fisher information of Gaussian noise (Kay, Estimation Theory, 3.9).
     """
     points = np.asarray(points, float)[..., :2]
-    batch = cam_from_rect.translation.shape[:-1]
+    batch = camera_from_rect.translation.shape[:-1]
     start_focal, centre = rows(focal, batch, ()), rows(principal_point, batch, (2,))
     plane = rows(points, batch, points.shape[-2:])
     problem = Problem(
@@ -43,22 +43,22 @@ def cramer_rao(
         False,
     )
     with np.errstate(all="ignore"):
-        covariance = covariances(problem, state_of(start_focal, cam_from_rect, centre, batch))
+        covariance = covariances(problem, state_of(start_focal, camera_from_rect, centre, batch))
     return covariance.reshape(*batch, 9, 9)
 
 
-def paper_sigmas(covariance: Floats, cam_from_rect: Pose) -> Floats:
+def paper_sigmas(covariance: Floats, camera_from_rect: Pose) -> Floats:
     """Standard deviations (..., 7) of the paper's T_X, T_Y, T_Z (metres), theta_x, theta_y, theta_z (radians) and f
-    (pixels), from a covariance (..., 9, 9) of (focal, cx, cy, step of cam_from_rect)."""
-    jacobian = np.zeros((*cam_from_rect.translation.shape[:-1], 7, 9))
-    to_paper = inverse_jacobian(cam_from_rect)
+    (pixels), from a covariance (..., 9, 9) of (focal, cx, cy, step of camera_from_rect)."""
+    jacobian = np.zeros((*camera_from_rect.translation.shape[:-1], 7, 9))
+    to_paper = inverse_jacobian(camera_from_rect)
     jacobian[..., :3, 3:] = to_paper[..., 3:, :]
-    rect_from_cam = cam_from_rect.inverse().rotation
+    rect_from_camera = camera_from_rect.inverse().rotation
     for axis in range(3):
         step = np.zeros(3)
         step[axis] = _ANGLE_STEP
-        ahead = angles_from_rotation(rotation_from_vector(step) @ rect_from_cam)
-        behind = angles_from_rotation(rotation_from_vector(-step) @ rect_from_cam)
+        ahead = angles_from_rotation(rotation_from_vector(step) @ rect_from_camera)
+        behind = angles_from_rotation(rotation_from_vector(-step) @ rect_from_camera)
         for angle in range(3):
             slope = np.sin(ahead[angle] - behind[angle]) / (2 * _ANGLE_STEP)
             jacobian[..., 3 + angle, 3:] += slope[..., None] * to_paper[..., axis, :]

@@ -17,17 +17,17 @@ _TILTED_ENOUGH, _LEAST_NEARER, _MOST_NEARER = 0.75, 1.5, 4.0
 _WORTH_SAYING = 2 / 3
 
 
-def view_tilt(cam_from_rect: Pose) -> Floats:
+def view_tilt(camera_from_rect: Pose) -> Floats:
     """Angle (...) in radians between the sheet's normal and the line of sight to its middle."""
-    translation = cam_from_rect.translation
+    translation = camera_from_rect.translation
     sight = translation / np.linalg.norm(translation, axis=-1, keepdims=True)
-    return np.arccos(np.clip((cam_from_rect.rotation[..., 2] * sight).sum(axis=-1), -1, 1))
+    return np.arccos(np.clip((camera_from_rect.rotation[..., 2] * sight).sum(axis=-1), -1, 1))
 
 
 def focal_advice(
     points: Floats,
     focal: float,
-    cam_from_rect: Pose,
+    camera_from_rect: Pose,
     principal_point: Floats,
     sigma: float,
     principal_point_sigma: float,
@@ -46,7 +46,7 @@ def focal_advice(
         covariance = cramer_rao(points, focal, pose, principal_point, sigma, centre_sigma)
         return float(np.sqrt(covariance[0, 0])) / focal
 
-    now, tilt = expected(cam_from_rect), float(view_tilt(cam_from_rect))
+    now, tilt = expected(camera_from_rect), float(view_tilt(camera_from_rect))
     # What the bound does not know of (a lens that may be distorted) stays, whatever is done about the rest.
     lens = max(relative_sigma**2 - now**2, 0.0) ** 0.5
     known = f"the focal is known to {percent(relative_sigma)}"
@@ -57,15 +57,17 @@ def focal_advice(
 
     if tilt < _TILTED_ENOUGH * _ADVISED_TILT:
         words = f"tilt the sheet more: at {np.degrees(tilt):.0f} degrees"
-        promise(expected(_tilted(cam_from_rect, _ADVISED_TILT)), words, f"at {np.degrees(_ADVISED_TILT):.0f} degrees")
-    scale = min(_room(points, focal, cam_from_rect, image_size), _MOST_NEARER)
+        promise(
+            expected(_tilted(camera_from_rect, _ADVISED_TILT)), words, f"at {np.degrees(_ADVISED_TILT):.0f} degrees"
+        )
+    scale = min(_room(points, focal, camera_from_rect, image_size), _MOST_NEARER)
     if scale > _LEAST_NEARER:
-        nearer = Pose(cam_from_rect.rotation, cam_from_rect.translation / scale)
+        nearer = Pose(camera_from_rect.rotation, camera_from_rect.translation / scale)
         words = "bring the sheet nearer, so that it fills the picture:"
         promise(expected(nearer), words, f"at 1/{scale:.1f} of the distance")
     if principal_point_sigma > 0:
         words = f"the principal point is only known to {principal_point_sigma:.0f} px:"
-        promise(expected(cam_from_rect, 0.0), words, "with the principal point given")
+        promise(expected(camera_from_rect, 0.0), words, "with the principal point given")
     if lens > 0:
         words = f"{len(points)} points cannot show all that the lens distorts: {known}"
         options.append((now, words, "with a lens known to be free of distortion"))
@@ -82,22 +84,22 @@ def percent(share: float) -> str:
     return f"{100 * share:.2g} %"
 
 
-def _tilted(cam_from_rect: Pose, tilt: float) -> Pose:
+def _tilted(camera_from_rect: Pose, tilt: float) -> Pose:
     """The sheet at the same place, tilted further the way it leans."""
-    sight = cam_from_rect.translation / np.linalg.norm(cam_from_rect.translation)
-    normal = cam_from_rect.rotation[:, 2]
+    sight = camera_from_rect.translation / np.linalg.norm(camera_from_rect.translation)
+    normal = camera_from_rect.rotation[:, 2]
     axis = np.cross(sight, normal)
     size = np.linalg.norm(axis)
     # A sheet that faces the camera leans no way: take the picture's vertical.
     axis = axis / size if size > 1e-6 else np.cross(sight, [0.0, 1.0, 0.0])
     axis = axis / np.linalg.norm(axis)
-    turn = tilt - float(view_tilt(cam_from_rect))
-    return Pose(rotation_from_vector(axis * turn) @ cam_from_rect.rotation, cam_from_rect.translation)
+    turn = tilt - float(view_tilt(camera_from_rect))
+    return Pose(rotation_from_vector(axis * turn) @ camera_from_rect.rotation, camera_from_rect.translation)
 
 
-def _room(points: Floats, focal: float, cam_from_rect: Pose, image_size: tuple[int, int]) -> float:
+def _room(points: Floats, focal: float, camera_from_rect: Pose, image_size: tuple[int, int]) -> float:
     """How many times larger the sheet could appear before it is larger than the picture."""
-    located = cam_from_rect.transform(points)
+    located = camera_from_rect.transform(points)
     seen = focal * located[:, :2] / located[:, 2:]
     extent = np.ptp(seen, axis=0)
     return float(np.min(0.95 * np.array(image_size) / np.maximum(extent, 1e-9)))

@@ -23,14 +23,14 @@ _POOR_GAIN, _GOOD_GAIN = 0.3, 0.7
 class LensFit:
     """One lens and the poses of V Views at their maximum of likelihood.
 
-    lens_covariance (9, 9) in the order of LENS_PARAMETERS, zero for what was not free; cam_from_rects: a batch (V);
-    pose_covariance (V, 6, 6) of their steps and lens_pose_covariance (V, 9, 6), all for noise of the sigma given;
+    lens_covariance (9, 9) in the order of LENS_PARAMETERS, zero for what was not free; camera_from_rects: a batch
+    (V); pose_covariance (V, 6, 6) of their steps and lens_pose_covariance (V, 9, 6), for noise of the sigma given;
     residuals: (P, 2) px of each View; chi2 over sigma^2, the priors' included; dof; converged.
     """
 
     intrinsics: Intrinsics
     lens_covariance: Floats
-    cam_from_rects: Pose
+    camera_from_rects: Pose
     pose_covariance: Floats
     lens_pose_covariance: Floats
     residuals: tuple[Floats, ...]
@@ -43,18 +43,18 @@ def fit_lens(
     points: Sequence[Floats],
     pixels: Sequence[Floats],
     intrinsics: Intrinsics,
-    cam_from_rects: Pose,
+    camera_from_rects: Pose,
     free: Sequence[str],
     sigma: Sequence[float] | float = 1.0,
     prior_sigma: Mapping[str, float] | None = None,
 ) -> LensFit:
     """Least squares over all points of all Views, from a start.
 
-    points: for each of V Views (P, 3) metres in the rectangle's frame; pixels: (P, 2); intrinsics and cam_from_rects
-    (a batch (V)): the start; free: names of LENS_PARAMETERS to estimate, the others stay; sigma: standard deviation
-    of a pixel coordinate, one for all Views or one for each; prior_sigma: standard deviations of priors on free
-    parameters, about the start. Raises QuadrigError where a name is unknown or there are fewer coordinates than
-    unknowns.
+    points: for each of V Views (P, 3) metres in the rectangle's frame; pixels: (P, 2); intrinsics and
+    camera_from_rects (a batch (V)): the start; free: names of LENS_PARAMETERS to estimate, the others stay; sigma:
+    standard deviation of a pixel coordinate, one for all Views or one for each; prior_sigma: standard deviations of
+    priors on free parameters, about the start.
+    Raises QuadrigError where a name is unknown or there are fewer coordinates than unknowns.
     """
     prior = dict(prior_sigma or {})
     for name in (*free, *prior):
@@ -68,7 +68,7 @@ def fit_lens(
             "free fewer parameters, or give more points"
         )
     with np.errstate(all="ignore"):
-        lens, poses, chi2, converged = _search(problem, intrinsics.parameters, cam_from_rects)
+        lens, poses, chi2, converged = _search(problem, intrinsics.parameters, camera_from_rects)
         lens_covariance, pose_covariance, cross = _covariances(problem, lens, poses)
         residuals, *_ = _linearised(problem, lens, poses)
     unscaled = residuals * problem.sigma[:, None, None]

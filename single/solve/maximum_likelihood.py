@@ -31,15 +31,15 @@ _FOCAL_LADDER = (1.0, 3.0, 10.0)
 class Solution:
     """Focal and pose of each member of a batch (...), with what is known of their errors.
 
-    focal (...) px; principal_point (..., 2) px; cam_from_rect; covariance (..., 9, 9) of (focal, cx, cy, rotation
-    step, translation step of cam_from_rect), px, radians, metres, zero for what was given as known;
+    focal (...) px; principal_point (..., 2) px; camera_from_rect; covariance (..., 9, 9) of (focal, cx, cy, rotation
+    step, translation step of camera_from_rect), px, radians, metres, zero for what was given as known;
     chi2 (...) over sigma^2 and its degrees of freedom dof (...); reason (...) int8, a Reason.
     Bad members are nan. Where the reason is FOCAL_UNKNOWABLE the most likely values stand, with their large sigmas.
     """
 
     focal: Floats
     principal_point: Floats
-    cam_from_rect: Pose
+    camera_from_rect: Pose
     covariance: Floats
     chi2: Floats
     dof: NDArray[np.int_]
@@ -61,20 +61,20 @@ class Solution:
 
     @property
     def pose_covariance(self) -> Floats:
-        """Covariance (..., 6, 6) of the step of cam_from_rect (camera's frame)."""
+        """Covariance (..., 6, 6) of the step of camera_from_rect (camera's frame)."""
         return self.covariance[..., 3:, 3:]
 
     @property
-    def rect_from_cam(self) -> Pose:
+    def rect_from_camera(self) -> Pose:
         """The camera in the rectangle's frame: the paper's [R T]."""
-        return self.cam_from_rect.inverse()
+        return self.camera_from_rect.inverse()
 
     @property
-    def rect_from_cam_covariance(self) -> Floats:
-        """Covariance (..., 9, 9) of (focal, cx, cy, step of rect_from_cam): rectangle's frame."""
+    def rect_from_camera_covariance(self) -> Floats:
+        """Covariance (..., 9, 9) of (focal, cx, cy, step of rect_from_camera): rectangle's frame."""
         jacobian = np.zeros(self.covariance.shape)
         jacobian[..., :3, :3] = np.eye(3)
-        jacobian[..., 3:, 3:] = inverse_jacobian(self.cam_from_rect)
+        jacobian[..., 3:, 3:] = inverse_jacobian(self.camera_from_rect)
         return jacobian @ self.covariance @ np.swapaxes(jacobian, -1, -2)
 
 
@@ -207,8 +207,8 @@ class _Task:
         if not self.middle.any():
             return closed
         offset = np.concatenate([-self.middle, np.zeros((len(self.middle), 1))], axis=-1)
-        pose = closed.cam_from_rect
-        return replace(closed, cam_from_rect=Pose(pose.rotation, pose.transform(offset)))
+        pose = closed.camera_from_rect
+        return replace(closed, camera_from_rect=Pose(pose.rotation, pose.transform(offset)))
 
     def fit(self, focal: Floats, start: Pose) -> PinholeFit:
         return fit_pinhole(
@@ -243,19 +243,21 @@ def _solution(task: _Task, batch: tuple[int, ...]) -> Solution:
     if task.focal is not None:
         reason[reason == Reason.FOCAL_UNKNOWABLE] = Reason.OK
     usable = (reason == Reason.OK) | (reason == Reason.FOCAL_UNKNOWABLE)
-    fit = task.fit(start.focal, start.cam_from_rect)
+    fit = task.fit(start.focal, start.camera_from_rect)
     fit = _with_other_starts(task, fit, usable)
     if task.focal is None:
         reason[usable] = np.where(_weak(fit)[usable], np.int8(Reason.FOCAL_UNKNOWABLE), np.int8(Reason.OK))
     reason[(reason == Reason.OK) & ~(fit.converged & np.isfinite(fit.chi2))] = Reason.NO_CONVERGENCE
     lost = ~usable | ~np.isfinite(fit.chi2)
-    for values in (fit.focal, fit.principal_point, fit.cam_from_rect.rotation, fit.cam_from_rect.translation):
+    for values in (fit.focal, fit.principal_point, fit.camera_from_rect.rotation, fit.camera_from_rect.translation):
         values[lost] = np.nan
     fit.covariance[lost] = np.nan
     return Solution(
         fit.focal.reshape(batch),
         fit.principal_point.reshape(*batch, 2),
-        Pose(fit.cam_from_rect.rotation.reshape(*batch, 3, 3), fit.cam_from_rect.translation.reshape(*batch, 3)),
+        Pose(
+            fit.camera_from_rect.rotation.reshape(*batch, 3, 3), fit.camera_from_rect.translation.reshape(*batch, 3)
+        ),
         fit.covariance.reshape(*batch, 9, 9),
         np.where(lost, np.nan, fit.chi2).reshape(batch),
         task.dof.reshape(batch),
@@ -281,7 +283,7 @@ def _with_other_starts(task: _Task, fit: PinholeFit, usable: NDArray[np.bool_]) 
     part = task.members(doubtful)
     for rung in _FOCAL_LADDER if part.focal is None else (1.0,):
         focal = np.broadcast_to(part.reach * rung if part.focal is None else part.focal, len(doubtful))
-        pose = part.start(focal).cam_from_rect
+        pose = part.start(focal).camera_from_rect
         focals += [focal, focal]
         poses += [pose, mirrored(pose)]
     # All candidates in one batch: a search of few members costs as much as one of many.
@@ -306,5 +308,5 @@ def _take_better(fit: PinholeFit, other: PinholeFit, part: slice, index: NDArray
     to = index[better]
     for name in ("focal", "principal_point", "covariance", "chi2", "steps", "converged"):
         getattr(fit, name)[to] = getattr(other, name)[part][better]
-    fit.cam_from_rect.rotation[to] = other.cam_from_rect.rotation[part][better]
-    fit.cam_from_rect.translation[to] = other.cam_from_rect.translation[part][better]
+    fit.camera_from_rect.rotation[to] = other.camera_from_rect.rotation[part][better]
+    fit.camera_from_rect.translation[to] = other.camera_from_rect.translation[part][better]

@@ -27,13 +27,13 @@ _TARGETS = np.radians([45.0, 38.0, 52.0, 33.0, 57.0])
 
 @dataclass(frozen=True, eq=False)
 class PaperForm:
-    """focal (...) px, the paper's angles (...) radians, and rect_from_cam, its [R T]; nan where it has no answer."""
+    """focal (...) px, the paper's angles (...) radians, rect_from_camera, its [R T]; nan where it has no answer."""
 
     focal: Floats
     theta_x: Floats
     theta_y: Floats
     theta_z: Floats
-    rect_from_cam: Pose
+    rect_from_camera: Pose
 
 
 def paper_form(

@@ -41,14 +41,14 @@ _POOR_GAIN, _GOOD_GAIN = 0.3, 0.7
 class PinholeFit:
     """The most likely focal, principal point and pose of each member of a batch (...).
 
-    focal (...) px, principal_point (..., 2) px, cam_from_rect, covariance (..., 9, 9) of (focal, cx, cy, step of
-    cam_from_rect), zero for what was given as known; chi2 (...): sum of squares over sigma^2, the prior's included;
-    steps (...): iterations used; converged (...).
+    focal (...) px, principal_point (..., 2) px, camera_from_rect, covariance (..., 9, 9) of (focal, cx, cy, step of
+    camera_from_rect), zero for what was given as known; chi2 (...): sum of squares over sigma^2, that of the prior
+    included; steps (...): iterations used; converged (...).
     """
 
     focal: Floats
     principal_point: Floats
-    cam_from_rect: Pose
+    camera_from_rect: Pose
     covariance: Floats
     chi2: Floats
     steps: NDArray[np.int16]
@@ -59,7 +59,7 @@ def fit_pinhole(
     points: Floats,
     pixels: Floats,
     focal: Floats,
-    cam_from_rect: Pose,
+    camera_from_rect: Pose,
     principal_point: Floats,
     sigma: Floats | float = 1.0,
     principal_point_sigma: float = 0.0,
@@ -69,7 +69,7 @@ def fit_pinhole(
     """Least squares over all points from a start.
 
     points (..., P, 2 or 3) metres in the rectangle's frame, on its plane; pixels (..., P, 2), nan where unseen;
-    focal (...) px and cam_from_rect (...) where to start; principal_point (..., 2) px with its prior standard
+    focal (...) px and camera_from_rect (...) where to start; principal_point (..., 2) px with its prior standard
     deviation (0: known); sigma (...) px of a pixel coordinate; focal_known: keep the focal as it is.
     photographed: every point must stay in front of the camera.
     """
@@ -86,7 +86,7 @@ def fit_pinhole(
         start_focal if focal_known else None,
         photographed,
     )
-    state = state_of(start_focal, cam_from_rect, problem.centre, batch)
+    state = state_of(start_focal, camera_from_rect, problem.centre, batch)
     chi2, steps = np.full(members, np.nan), np.zeros(members, np.int16)
     waiting = np.arange(members)
     with np.errstate(all="ignore"):

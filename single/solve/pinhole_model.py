@@ -74,15 +74,15 @@ def rows(value: Floats | float, batch: tuple[int, ...], tail: tuple[int, ...]) -
     return np.ascontiguousarray(np.moveaxis(value.reshape(-1, *tail), 0, -1))
 
 
-def state_of(focal: Floats, cam_from_rect: Pose, centre: Floats, batch: tuple[int, ...]) -> Floats:
+def state_of(focal: Floats, camera_from_rect: Pose, centre: Floats, batch: tuple[int, ...]) -> Floats:
     """u0, v0, s, kappa, cx, cy and the rotation's first two columns (12, members)."""
     state = np.empty((12, int(np.prod(batch))))
-    translation = rows(cam_from_rect.translation, batch, (3,))
+    translation = rows(camera_from_rect.translation, batch, (3,))
     state[3] = 1 / translation[2]
     state[2] = focal * state[3]
     state[0:2], state[4:6] = state[2] * translation[:2], centre
-    state[6:9] = rows(cam_from_rect.rotation[..., 0], batch, (3,))
-    state[9:12] = rows(cam_from_rect.rotation[..., 1], batch, (3,))
+    state[6:9] = rows(camera_from_rect.rotation[..., 0], batch, (3,))
+    state[9:12] = rows(camera_from_rect.rotation[..., 1], batch, (3,))
     return state
 
 

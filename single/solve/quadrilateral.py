@@ -155,7 +155,7 @@ def _slopes(values: list[Row], side: Sequence[Row]) -> list[Row]:
 
 
 def pose_at(quad: Quadrilateral, focal: Row) -> tuple[list[Row], list[Row]]:
-    """The nine numbers of cam_from_rect's rotation, column by column, and the three of its translation, at a focal.
+    """The nine numbers of camera_from_rect's rotation, column by column, and the three of its translation.
 
     The two side directions are made orthonormal alike: sum and difference of unit vectors are at right angles.
     """

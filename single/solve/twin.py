@@ -18,12 +18,12 @@ _SAME = 1e-3
 class Twins:
     """Both candidates of a planar pose for a given focal, the likelier first.
 
-    cam_from_rect: a batch (..., 2); chi2 (..., 2): sums of squares over sigma^2; covariance (..., 2, 6, 6) of the
-    step of cam_from_rect; converged (..., 2). Where perspective is so strong that the other tilt is no optimum at
+    camera_from_rect: a batch (..., 2); chi2 (..., 2): sums of squares over sigma^2; covariance (..., 2, 6, 6) of the
+    step of camera_from_rect; converged (..., 2). Where perspective is so strong that the other tilt is no optimum at
     all, there is no twin: both poses are the one there is and the second chi2 is infinite.
     """
 
-    cam_from_rect: Pose
+    camera_from_rect: Pose
     chi2: Floats
     covariance: Floats
     converged: Floats
@@ -44,15 +44,15 @@ class Twins:
         return 1 / (1 + np.exp(-self.log_likelihood_ratio))
 
 
-def mirrored(cam_from_rect: Pose) -> Pose:
+def mirrored(camera_from_rect: Pose) -> Pose:
     """The pose (...) whose tilt is mirrored about the line of sight to the rectangle's middle.
 
     Exact where there is no perspective within the rectangle (Schweighofer and Pinz, PAMI 2006); elsewhere the start
     from which the twin is found.
     """
-    sight = cam_from_rect.translation / np.linalg.norm(cam_from_rect.translation, axis=-1, keepdims=True)
+    sight = camera_from_rect.translation / np.linalg.norm(camera_from_rect.translation, axis=-1, keepdims=True)
     reflect = np.eye(3) - 2 * sight[..., :, None] * sight[..., None, :]
-    return Pose(reflect @ cam_from_rect.rotation @ np.diag([1.0, 1.0, -1.0]), cam_from_rect.translation)
+    return Pose(reflect @ camera_from_rect.rotation @ np.diag([1.0, 1.0, -1.0]), camera_from_rect.translation)
 
 
 def twin_poses(
@@ -87,14 +87,14 @@ def twin_poses(
         focal_known=True,
     )
     chi2 = np.where(np.isfinite(fit.chi2), fit.chi2, np.inf)
-    rotation = fit.cam_from_rect.rotation
+    rotation = fit.camera_from_rect.rotation
     apart = np.abs(rotation[..., 0, :, :] - rotation[..., 1, :, :]).max(axis=(-1, -2)) > _SAME
     chi2[..., 1] = np.where(apart, chi2[..., 1], np.inf)
     order = np.argsort(chi2, axis=-1, kind="stable")
     return Twins(
         Pose(
-            np.take_along_axis(fit.cam_from_rect.rotation, order[..., None, None], axis=-3),
-            np.take_along_axis(fit.cam_from_rect.translation, order[..., None], axis=-2),
+            np.take_along_axis(fit.camera_from_rect.rotation, order[..., None, None], axis=-3),
+            np.take_along_axis(fit.camera_from_rect.translation, order[..., None], axis=-2),
         ),
         np.take_along_axis(chi2, order, axis=-1),
         np.take_along_axis(fit.covariance[..., 3:, 3:], order[..., None, None], axis=-3),

@@ -17,7 +17,7 @@ from quadrig.single.lens import Intrinsics
 from quadrig.single.marking import TagMarking
 from quadrig.single.pose import Pose
 from quadrig.single.rectangle import Rectangle
-from quadrig.single.render.picture import Sheet, ray_grid, render
+from quadrig.single.render.picture import Sheet, ray_grid, render_image
 
 RIG = Path(sys.executable).with_name("rig")
 DESK = Rectangle("desk", 0.20, 0.20, TagMarking("apriltag_36h11", 1))
@@ -74,7 +74,7 @@ def pictures(tmp_path_factory) -> Path:
             ("right", right_from_left, Sheet(DESK, left_from_desk)),
             ("hall", Pose.identity(), Sheet(SHELF, hall_from_shelf)),
         ):
-            image = render(grid, camera_from_world, [sheet], blur=0.6, noise=1.5, rng=rng)
+            image = render_image(grid, camera_from_world, [sheet], blur=0.6, noise=1.5, rng=rng)
             (folder / name).mkdir(exist_ok=True)
             cv2.imwrite(str(folder / name / f"{frameset:03}.png"), image)
     (folder / "rig.toml").write_text(ROOM)

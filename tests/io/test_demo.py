@@ -14,7 +14,7 @@ from quadrig.io.demo.rendered_recording import picture
 from quadrig.io.demo.scene import BOARD, demo_scene, looking
 from quadrig.io.recording.recorded_cameras import open_recording
 from quadrig.io.rig_file.rig_mcap import read_rig_file
-from quadrig.single.detect.image_search import detect
+from quadrig.single.detect.image_search import detect_views
 
 RIG = Path(sys.executable).with_name("rig")
 FRAMESETS = 8
@@ -77,7 +77,7 @@ def test_examples_read_what_it_leaves(ran) -> None:
 def test_every_camera_sees_the_board_and_tags_somewhere() -> None:
     scene = demo_scene(12)
     for camera in scene.cameras:
-        seen = {view.rectangle for view in detect(picture(camera, scene, 3), scene.rectangles)}
+        seen = {view.rectangle for view in detect_views(picture(camera, scene, 3), scene.rectangles)}
         assert len(seen - {BOARD}) >= 2
 
 

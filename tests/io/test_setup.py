@@ -30,13 +30,13 @@ from quadrig.io.rig_file.rig_mcap import read_rig
 from quadrig.io.viewer.banner import banner
 from quadrig.io.viewer.live import RerunScreen, shared_counts
 from quadrig.io.viewer.process import Viewer
-from quadrig.single.detect.image_search import detect
+from quadrig.single.detect.image_search import detect_views
 from quadrig.single.errors import QuadrigError
 from quadrig.single.lens import Intrinsics
 from quadrig.single.marking import CharucoMarking, TagMarking
 from quadrig.single.pose import Pose
 from quadrig.single.rectangle import Rectangle
-from quadrig.single.render.picture import RayGrid, Sheet, ray_grid, render
+from quadrig.single.render.picture import RayGrid, Sheet, ray_grid, render_image
 from quadrig.single.rotation import rotation_from_vector
 from quadrig.single.view import View
 
@@ -94,7 +94,9 @@ def held_poses() -> list[Pose]:
 
 def picture(camera: int, pose: Pose, rectangle: Rectangle = TAG) -> np.ndarray:
     sheet = Sheet(rectangle, pose)
-    return render(grid(camera), CAMERAS[camera].inverse(), [sheet], samples=2, blur=0.6, noise=1.5, colour=False)
+    return render_image(
+        grid(camera), CAMERAS[camera].inverse(), [sheet], samples=2, blur=0.6, noise=1.5, colour=False
+    )
 
 
 @pytest.fixture(scope="module")
@@ -217,11 +219,11 @@ def test_search_finds_what_a_full_search_finds():
             Sheet(TAG, Pose(rotation_from_vector(np.array([0.3, 0.2, 0.1])), np.array([-0.4, 0.1, 1.6]) + shift)),
             Sheet(board, Pose(rotation_from_vector(np.array([-0.3, 0.3, 0])), np.array([0.2, 0, 1.4]) - shift)),
         ]
-        grey = render(lens, Pose.identity(), sheets, samples=2, blur=0.6, noise=1.0, colour=False)
+        grey = render_image(lens, Pose.identity(), sheets, samples=2, blur=0.6, noise=1.0, colour=False)
         found = search.search(Frame("cam0", step, 0.0, picture=grey), step)
         assert {view.rectangle for view in found.views} == {"sheet", "board"}
         exact = {view.rectangle: view for view in search.refine(found, {"sheet", "board"})}
-        for view in detect(grey, [TAG, board]):
+        for view in detect_views(grey, [TAG, board]):
             np.testing.assert_array_equal(exact[view.rectangle].points, view.points)
             # The fit begins at outlines found in a window instead of the picture: a twentieth of a pixel at most.
             np.testing.assert_allclose(exact[view.rectangle].pixels, view.pixels, atol=0.05)
@@ -261,7 +263,7 @@ def shown(camera: int, pose: Pose, rectangle: Rectangle = TAG, motion=None, **op
     """A picture of a sheet before a backdrop with shapes in it."""
     sheets = [Sheet(rectangle, pose, motion=motion)]
     options = {"blur": 0.6, "noise": 1.5, **options}
-    return render(
+    return render_image(
         grid(camera), CAMERAS[camera].inverse(), sheets, samples=2, colour=False, background=BACKDROP, **options
     )
 
@@ -327,7 +329,9 @@ def test_a_sheet_printed_at_the_wrong_scale_is_said_in_a_session(tmp_path):
         for pose, other in zip(poses[:6], poses[3:], strict=True):
             sheets = [Sheet(TAG, moved(-0.17, pose)), Sheet(small, moved(0.17, other))]
             frame = CAMERAS[camera].inverse()
-            pictures[-1] += [render(grid(camera), frame, sheets, samples=2, blur=0.6, noise=1.5, colour=False)] * 2
+            pictures[-1] += [
+                render_image(grid(camera), frame, sheets, samples=2, blur=0.6, noise=1.5, colour=False)
+            ] * 2
     said = said_of(tmp_path, pictures, config)
     assert heard(said, "small is ")
     assert heard(said, "% smaller than its size in rig.toml says")

@@ -11,7 +11,7 @@ from quadrig.single.lens import Intrinsics
 from quadrig.single.marking import PlainMarking, TagMarking
 from quadrig.single.pose import Pose
 from quadrig.single.rectangle import Rectangle
-from quadrig.single.render.picture import Sheet, render
+from quadrig.single.render.picture import Sheet, render_image
 from quadrig.single.rotation import rotation_from_angles
 
 LENS = Intrinsics(800, 600, 750.0, np.array([399.5, 299.5]))
@@ -26,7 +26,7 @@ def folder(tmp_path_factory):
         ("plain.png", Rectangle("sheet", 0.297, 0.21, PlainMarking())),
         ("tag.png", Rectangle("tag", 0.16, 0.16, TagMarking("apriltag_36h11", 7))),
     ):
-        picture = render(LENS, Pose.identity(), [Sheet(rectangle, POSE)])
+        picture = render_image(LENS, Pose.identity(), [Sheet(rectangle, POSE)])
         cv2.imwrite(str(place / name), picture)
     return place
 

@@ -12,7 +12,7 @@ from quadrig.io.commands.main import run
 from quadrig.io.config.rig_toml import parse_config, read_config
 from quadrig.io.sheet.layout import paper_named, parse_ids, parse_length, parse_measured
 from quadrig.single.arrays import Floats
-from quadrig.single.detect.image_search import detect
+from quadrig.single.detect.image_search import detect_views
 from quadrig.single.errors import QuadrigError
 from quadrig.single.marking import ChessboardMarking
 from quadrig.single.rectangle import PAPER_SIZES, Rectangle
@@ -37,7 +37,7 @@ def drawn(tmp_path: Path, capsys, *arguments: str) -> tuple[tuple[Rectangle, ...
 
 def assert_true_size(rectangles, pages) -> None:
     """Every rectangle is found once, upright, and its points lie as many millimetres apart as rig.toml says."""
-    views = {view.rectangle: view for page in pages for view in detect(page, rectangles)}
+    views = {view.rectangle: view for page in pages for view in detect_views(page, rectangles)}
     assert set(views) == {r.name for r in rectangles}
     for view in views.values():
         metres = view.pixels * 0.0254 / DPI

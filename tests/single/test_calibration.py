@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from quadrig.single.calibration import calibrate_view, calibrate_views
-from quadrig.single.detect.image_search import detect
+from quadrig.single.detect.image_search import detect_views
 from quadrig.single.errors import QuadrigError
 from quadrig.single.lens import Intrinsics
 from quadrig.single.marking import ChessboardMarking, board_points
@@ -102,8 +102,8 @@ def test_a_given_focal_stays_and_the_pose_is_right():
     found = calibrate_view(view, SIZE, focal=1400.0, principal_point=MIDDLE)
     assert found.intrinsics.focal == 1400
     assert found.focal_sigma == 0
-    assert np.abs(pose.step_to(found.cam_from_rects[0])).max() < 1e-6
-    assert np.allclose(found.rect_from_cams[0].translation, pose.inverse().translation, atol=1e-6)
+    assert np.abs(pose.step_to(found.camera_from_rects[0])).max() < 1e-6
+    assert np.allclose(found.rect_from_cameras[0].translation, pose.inverse().translation, atol=1e-6)
 
 
 def test_a_weak_view_says_so_in_words_with_figures():
@@ -206,7 +206,7 @@ def test_thirteen_real_views_each_alone_are_as_far_off_as_their_sigmas_say(share
     board = Rectangle("board", 0.25, 0.175, ChessboardMarking(10, 7, 0.025))
     scores, errors = [], []
     for path in sorted((shared_data / "stereo").glob("left*.jpg")):
-        (view,) = detect(cv2.imread(str(path)), [board])
+        (view,) = detect_views(cv2.imread(str(path)), [board])
         found = calibrate_view(view, (640, 480))
         errors.append(found.intrinsics.focal / 535.9 - 1)
         scores.append((found.intrinsics.focal - 535.9) / found.focal_sigma)

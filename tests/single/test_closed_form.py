@@ -17,20 +17,20 @@ CENTRE = np.array([959.5, 539.5])
 ROUNDING = 1e-13
 
 
-def project(points, focal, cam_from_rect, centre=CENTRE):
-    located = points @ np.swapaxes(cam_from_rect.rotation, -1, -2) + cam_from_rect.translation[..., None, :]
+def project(points, focal, camera_from_rect, centre=CENTRE):
+    located = points @ np.swapaxes(camera_from_rect.rotation, -1, -2) + camera_from_rect.translation[..., None, :]
     return np.asarray(focal)[..., None, None] * located[..., :2] / located[..., 2:] + centre
 
 
 def tilted(tilt, direction, spin):
-    """Rotations cam_from_rect of sheets tilted by `tilt` towards `direction`, upright sheets turned by `spin`."""
+    """Rotations camera_from_rect of sheets tilted by `tilt` towards `direction`, upright sheets turned by `spin`."""
     zero = np.zeros_like(tilt)
     turn = rotation_from_angles(zero, zero, direction)
     return turn @ rotation_from_angles(tilt, zero, zero) @ rotation_from_angles(zero, zero, spin - direction)
 
 
 def random_views(rng, count, tilt=(0.0, 80.0)):
-    """width, height, focal, cam_from_rect, corners: squares, long thin sheets and what lies between, all in front."""
+    """width, height, focal, camera_from_rect, corners: squares, long thin sheets, and what lies between, in front."""
     width = rng.uniform(0.05, 2, count)
     height = width * np.exp(rng.choice([0.0, -0.35, 0.35, -3, 3], count))
     focal = rng.uniform(300, 6000, count)
@@ -67,7 +67,7 @@ def test_exact_corners_come_back_from_any_attitude():
     assert sure.mean() > 0.995
     assert (answer.reason[sure] == Reason.OK).all()
     assert np.abs(answer.focal / focal - 1)[sure].max() < 1e-9
-    assert relative_pose_error(answer.cam_from_rect, pose)[sure].max() < 2e-9
+    assert relative_pose_error(answer.camera_from_rect, pose)[sure].max() < 2e-9
 
 
 SPECIAL = [
@@ -91,7 +91,7 @@ def test_special_attitudes_have_no_hole(size, offset):
     corners = project(rectangle_corners(*size), focal, pose)
     answer = closed_form(corners, *size, CENTRE, sigma=ROUNDING)
     assert np.abs(answer.focal / 1400 - 1).max() < 1e-9
-    assert relative_pose_error(answer.cam_from_rect, pose).max() < 1e-9
+    assert relative_pose_error(answer.camera_from_rect, pose).max() < 1e-9
 
 
 def test_corners_on_the_principal_points_row_and_column():
@@ -126,20 +126,20 @@ def test_the_papers_own_form_agrees_where_it_is_not_singular():
     error = np.abs(answer.focal / focal - 1)
     assert np.median(error) < 1e-12
     assert error[regular].max() < 1e-9
-    assert relative_pose_error(answer.rect_from_cam, truth)[regular].max() < 1e-7
+    assert relative_pose_error(answer.rect_from_camera, truth)[regular].max() < 1e-7
 
 
 @pytest.mark.parametrize("theta_z", [0.0, 90.0, 180.0, -90.0, 45.0])
 def test_the_papers_form_keeps_every_theta_z(theta_z):
     angles = np.radians([-35.0, 25.0, theta_z])
-    rect_from_cam = Pose(rotation_from_angles(*angles), np.zeros(3))
-    cam_from_rect = Pose(rect_from_cam.rotation.T, np.array([0.02, -0.03, 1.1]))
-    corners = project(rectangle_corners(0.297, 0.21), 1400.0, cam_from_rect)
+    rect_from_camera = Pose(rotation_from_angles(*angles), np.zeros(3))
+    camera_from_rect = Pose(rect_from_camera.rotation.T, np.array([0.02, -0.03, 1.1]))
+    corners = project(rectangle_corners(0.297, 0.21), 1400.0, camera_from_rect)
     answer = paper_form(corners, 0.297, 0.21, CENTRE)
     assert answer.focal == pytest.approx(1400, rel=1e-9)
     found = np.array([answer.theta_x, answer.theta_y, answer.theta_z])
     assert np.abs(np.sin(found - angles)).max() < 1e-9
-    assert np.allclose(answer.rect_from_cam.translation, cam_from_rect.inverse().translation, atol=1e-9)
+    assert np.allclose(answer.rect_from_camera.translation, camera_from_rect.inverse().translation, atol=1e-9)
 
 
 def test_the_papers_form_fails_where_a_side_is_parallel_to_the_image_and_ours_answers():
@@ -168,7 +168,7 @@ def test_fronto_parallel_is_unknowable_but_has_a_pose_for_a_given_focal():
     blind = closed_form(corners, 0.297, 0.21, CENTRE)
     assert (blind.reason == Reason.FOCAL_UNKNOWABLE).all()
     told = closed_form(corners, 0.297, 0.21, CENTRE, focal=1400.0)
-    assert relative_pose_error(told.cam_from_rect, pose).max() < 1e-9
+    assert relative_pose_error(told.camera_from_rect, pose).max() < 1e-9
 
 
 def test_sigma_of_the_focal_is_what_noise_does():
@@ -203,8 +203,8 @@ def test_a_bad_member_is_nan_with_its_reason_and_the_others_are_untouched(reason
     batch = closed_form(np.stack([QUAD, bad_members()[reason], QUAD]), 0.3, 0.2, [160.0, 120.0])
     assert batch.reason[1] == reason
     assert np.isnan(batch.focal[1])
-    assert np.isnan(batch.cam_from_rect.rotation[1]).all()
-    assert np.isnan(batch.cam_from_rect.translation[1]).all()
+    assert np.isnan(batch.camera_from_rect.rotation[1]).all()
+    assert np.isnan(batch.camera_from_rect.translation[1]).all()
     assert batch.reason[0] == batch.reason[2] == alone.reason
     assert batch.focal[[0, 2]] == pytest.approx(float(alone.focal), rel=1e-12)
 
@@ -227,7 +227,7 @@ def test_any_leading_shape():
     corners = np.broadcast_to(QUAD, (2, 3, 4, 2))
     answer = closed_form(corners, 0.3, np.full((2, 3), 0.2), [160.0, 120.0])
     assert answer.focal.shape == (2, 3)
-    assert answer.cam_from_rect.rotation.shape == (2, 3, 3, 3)
+    assert answer.camera_from_rect.rotation.shape == (2, 3, 3, 3)
     single = closed_form(QUAD, 0.3, 0.2, [160.0, 120.0])
     assert single.focal.shape == ()
     assert np.allclose(answer.focal, single.focal, rtol=1e-12)

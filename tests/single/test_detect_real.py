@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from quadrig.single.detect.image_search import detect
+from quadrig.single.detect.image_search import detect_views
 from quadrig.single.marking import CharucoMarking, ChessboardMarking, TagMarking
 from quadrig.single.rectangle import Rectangle
 from quadrig.single.view import View
@@ -21,7 +21,7 @@ def plane_rms(view: View) -> float:
 def test_every_chessboard_of_the_stereo_pairs_is_found_in_one_reading(shared_data, side):
     board = Rectangle("board", 0.25, 0.175, ChessboardMarking(10, 7, 0.025))
     pictures = sorted((shared_data / "stereo").glob(f"{side}[0-9]*.jpg"))
-    views = [view for path in pictures for view in detect(cv2.imread(str(path)), [board])]
+    views = [view for path in pictures for view in detect_views(cv2.imread(str(path)), [board])]
     assert len(views) == len(pictures) == 13
     assert all(v.alternatives == () for v in views)
     lens = cv2.calibrateCamera(
@@ -38,7 +38,7 @@ def test_every_chessboard_of_the_stereo_pairs_is_found_in_one_reading(shared_dat
 def test_square_on_the_floor_is_found_by_all_fifteen_cameras(shared_data):
     square = Rectangle("floor", 0.15, 0.15, TagMarking("DICT_4X4_250", 0))
     for path in sorted((shared_data / "floor" / "images").glob("*.jpg")):
-        views = detect(cv2.imread(str(path), cv2.IMREAD_GRAYSCALE), [square])
+        views = detect_views(cv2.imread(str(path), cv2.IMREAD_GRAYSCALE), [square])
         assert len(views) == 1, path.name
         assert views[0].sigma < 0.1
 
@@ -52,7 +52,7 @@ def test_inverted_legacy_board_is_found_as_often_as_by_plain_opencv(shared_data,
     for index in range(111):
         video.grab()
         if index % 3 == 0:
-            views += detect(video.retrieve()[1], [board])
+            views += detect_views(video.retrieve()[1], [board])
     assert len(views) >= least
     # A wrong corner would be off by a square's side, some 30 px; strong distortion bends a board by a few.
     assert max(plane_rms(v) for v in views) < 6

@@ -8,13 +8,13 @@ import pytest
 from quadrig.single.arrays import Floats
 from quadrig.single.detect.blank_sheet import detect_plain
 from quadrig.single.detect.dictionaries import canonical_dictionary, dictionary_names
-from quadrig.single.detect.image_search import check_rectangles, detect
+from quadrig.single.detect.image_search import check_rectangles, detect_views
 from quadrig.single.errors import QuadrigError
 from quadrig.single.lens import Intrinsics
 from quadrig.single.marking import CharucoMarking, ChessboardMarking, Marking, PlainMarking, TagMarking
 from quadrig.single.pose import Pose
 from quadrig.single.rectangle import Rectangle
-from quadrig.single.render.picture import Sheet, ray_grid, render
+from quadrig.single.render.picture import Sheet, ray_grid, render_image
 from quadrig.single.rotation import rotation_from_vector
 from quadrig.single.view import View
 
@@ -39,7 +39,7 @@ def pose(x: float, y: float, z: float, tilt=(0.0, 0.0, 0.0)) -> Pose:
 
 def picture(rectangle: Rectangle, where: Pose, *, tone: float = 0.82, **light) -> Floats:
     light = {"noise": 1.0, "blur": 0.6, "samples": 6, "background": 0.4, **light}
-    return render(GRID, Pose.identity(), [Sheet(rectangle, where, tone=tone)], colour=False, **light)
+    return render_image(GRID, Pose.identity(), [Sheet(rectangle, where, tone=tone)], colour=False, **light)
 
 
 def errors(view: View, where: Pose) -> Floats:
@@ -60,7 +60,7 @@ POSES = [
 def test_corners_are_where_they_are(rectangle):
     gaps, sigma = [], []
     for where in POSES:
-        views = detect(picture(rectangle, where), [rectangle])
+        views = detect_views(picture(rectangle, where), [rectangle])
         assert len(views) == 1
         gaps.append(errors(views[0], where))
         sigma.append(views[0].sigma)
@@ -79,7 +79,7 @@ def test_clean_pictures_show_no_bias(rectangle, blur):
     for tilted in (0.0, 0.4):
         for _ in range(4):
             where = pose(*rng.uniform(-0.06, 0.06, 2), 0.7, rng.uniform(-tilted, tilted, 3))
-            views = detect(picture(rectangle, where, noise=0.0, blur=blur), [rectangle])
+            views = detect_views(picture(rectangle, where, noise=0.0, blur=blur), [rectangle])
             gaps.append(errors(views[0], where))
     bias = np.concatenate(gaps).mean(axis=0)
     # A convention that is off by half a pixel, or a pull to the pixel grid, shows here.
@@ -89,7 +89,7 @@ def test_clean_pictures_show_no_bias(rectangle, blur):
 @pytest.mark.parametrize("turn", [0.0, np.pi / 2, np.pi, 3.0, -1.2])
 def test_tag_corners_come_in_the_order_of_eq_4_however_the_tag_is_turned(turn):
     where = pose(0, 0, 0.6, (0, 0, turn))
-    view = detect(picture(TAG, where), [TAG])[0]
+    view = detect_views(picture(TAG, where), [TAG])[0]
     np.testing.assert_allclose(view.points, TAG.corners)
     np.testing.assert_allclose(view.pixels, LENS.project(where.transform(TAG.corners)), atol=0.1)
     assert view.alternatives == ()
@@ -102,7 +102,7 @@ def test_chessboard_has_as_many_readings_as_turns_that_look_the_same(columns, ro
     board = Rectangle("c", columns * 0.04, rows * 0.04, ChessboardMarking(columns, rows, 0.04))
     for turn in (0.3, 2.0, -2.5):
         where = pose(0, 0, 0.7, (0.1, 0.2, turn))
-        view = detect(picture(board, where), [board])[0]
+        view = detect_views(picture(board, where), [board])[0]
         assert len(view.readings) == readings
         gaps = [np.abs(view.pixels - LENS.project(where.transform(p))).max() for p in view.readings]
         assert min(gaps) < 0.15
@@ -115,7 +115,7 @@ def test_chessboard_has_as_many_readings_as_turns_that_look_the_same(columns, ro
 def test_blank_sheet_has_a_reading_for_each_turn_that_looks_the_same(height, readings, tone):
     sheet = Rectangle("s", 0.297, height, PlainMarking())
     where = pose(0.02, 0.01, 0.9, (0.3, -0.2, 0.3))
-    view = detect(picture(sheet, where, tone=tone), [sheet])[0]
+    view = detect_views(picture(sheet, where, tone=tone), [sheet])[0]
     assert len(view.readings) == readings
     assert np.abs(errors(view, where)).max() < 0.15
     # Nearly upright in the picture: the first reading is the true one.
@@ -124,7 +124,7 @@ def test_blank_sheet_has_a_reading_for_each_turn_that_looks_the_same(height, rea
 
 def test_two_blank_sheets_are_no_view():
     sheets = [Sheet(PLAIN, pose(x, 0, 1.0)) for x in (-0.2, 0.2)]
-    assert detect(render(GRID, Pose.identity(), sheets, colour=False), [PLAIN]) == []
+    assert detect_views(render_image(GRID, Pose.identity(), sheets, colour=False), [PLAIN]) == []
 
 
 def test_printed_sheet_is_not_blank():
@@ -137,15 +137,15 @@ def test_hidden_corner_gives_no_tag():
     thumb = Rectangle("thumb", 0.03, 0.05, PlainMarking())
     for corner in TAG.corners:
         cover = Sheet(thumb, Pose(np.eye(3), corner + np.array([0, 0, 0.49])), tone=0.45)
-        image = render(GRID, Pose.identity(), [Sheet(TAG, where), cover], blur=0.6, colour=False)
-        assert detect(image, [TAG]) == []
+        image = render_image(GRID, Pose.identity(), [Sheet(TAG, where), cover], blur=0.6, colour=False)
+        assert detect_views(image, [TAG]) == []
 
 
 def test_partly_hidden_board_keeps_true_corners_only():
     board, where = BOARDS[0], pose(0, 0, 0.6, (0.2, -0.2, 0.1))
     hand = Sheet(Rectangle("hand", 0.08, 0.12, PlainMarking()), pose(-0.08, 0.03, 0.5, (0, 0, 0.4)), tone=0.4)
-    image = render(GRID, Pose.identity(), [Sheet(board, where), hand], blur=0.6, noise=1.0, colour=False)
-    view = detect(image, [board])[0]
+    image = render_image(GRID, Pose.identity(), [Sheet(board, where), hand], blur=0.6, noise=1.0, colour=False)
+    view = detect_views(image, [board])[0]
     assert 4 <= len(view.points) < 12
     assert np.abs(errors(view, where)).max() < 0.15
 
@@ -158,7 +158,7 @@ def test_partly_hidden_board_keeps_true_corners_only():
 )
 def test_bad_pictures_give_right_corners_or_none(rectangle, light):
     where = pose(0.01, 0.02, 0.7, (0.3, 0.3, 0.2))
-    for view in detect(picture(rectangle, where, **light), [rectangle]):
+    for view in detect_views(picture(rectangle, where, **light), [rectangle]):
         # What is found is within a few of its own sigmas, and never a pixel off.
         assert np.abs(errors(view, where)).max() < min(1.0, max(0.2, 6 * view.sigma))
 
@@ -166,16 +166,16 @@ def test_bad_pictures_give_right_corners_or_none(rectangle, light):
 @pytest.mark.parametrize("rectangle", [TAG, CHESS, BOARDS[0], PLAIN], ids=["tag", "chess", "charuco", "plain"])
 def test_noise_alone_shows_nothing(rectangle):
     noise = np.random.default_rng(1).integers(0, 256, (240, 320), dtype=np.uint8)
-    assert detect(noise, [rectangle]) == []
-    assert detect(np.full((240, 320, 3), 128, np.uint8), [rectangle]) == []
+    assert detect_views(noise, [rectangle]) == []
+    assert detect_views(np.full((240, 320, 3), 128, np.uint8), [rectangle]) == []
 
 
 def test_all_kinds_in_one_picture_come_in_the_order_asked_for():
     rectangles = [CHESS, BOARDS[0], TAG]
     places = [pose(-0.33, 0.12, 1.4), pose(0.1, 0.16, 1.2), pose(0.1, -0.2, 1.2)]
     sheets = [Sheet(r, p) for r, p in zip(rectangles, places, strict=True)]
-    image = render(GRID, Pose.identity(), sheets, blur=0.5)
-    views = detect(image, rectangles)
+    image = render_image(GRID, Pose.identity(), sheets, blur=0.5)
+    views = detect_views(image, rectangles)
     assert [v.rectangle for v in views] == ["chess", "board", "tag"]
     for view, where in zip(views, places, strict=True):
         assert np.abs(errors(view, where)).max() < 0.2
@@ -183,14 +183,14 @@ def test_all_kinds_in_one_picture_come_in_the_order_asked_for():
 
 def test_another_tag_and_a_larger_board_are_not_taken_for_ours():
     other = Rectangle("other", 0.16, 0.16, TagMarking("apriltag_36h11", 6))
-    assert detect(picture(other, POSES[0]), [TAG]) == []
+    assert detect_views(picture(other, POSES[0]), [TAG]) == []
     larger = Rectangle("larger", 0.36, 0.28, ChessboardMarking(9, 7, 0.04))
-    assert detect(picture(larger, POSES[0]), [CHESS]) == []
+    assert detect_views(picture(larger, POSES[0]), [CHESS]) == []
 
 
 def test_boards_of_one_dictionary_are_told_apart_by_their_ids():
     second = Rectangle("second", 0.25, 0.2, CharucoMarking(5, 4, 0.05, 0.038, "aruco_4x4_50", first_id=10))
-    views = detect(picture(second, POSES[1]), [BOARDS[0], second])
+    views = detect_views(picture(second, POSES[1]), [BOARDS[0], second])
     assert [v.rectangle for v in views] == ["second"]
 
 
@@ -206,7 +206,7 @@ def test_april_tag_names_are_read(name):
 
 def test_wrong_dictionary_names_those_that_exist():
     with pytest.raises(QuadrigError, match="apriltag_99h9") as raised:
-        detect(np.zeros((50, 50), np.uint8), [Rectangle("t", 1, 1, TagMarking("apriltag_99h9", 0))])
+        detect_views(np.zeros((50, 50), np.uint8), [Rectangle("t", 1, 1, TagMarking("apriltag_99h9", 0))])
     assert all(name in str(raised.value) for name in dictionary_names())
 
 
@@ -227,7 +227,7 @@ def test_two_rectangles_that_look_alike_are_refused(marking: Marking):
 @pytest.mark.parametrize("image", [np.zeros((5, 5)), np.zeros((5, 5, 2), np.uint8), np.zeros(5, np.uint8)])
 def test_what_is_no_image_is_said(image):
     with pytest.raises(QuadrigError, match="8-bit"):
-        detect(image, [TAG])
+        detect_views(image, [TAG])
 
 
 KINDS = [TAG, CHESS, BOARDS[0], BOARDS[3], PLAIN]
@@ -237,9 +237,9 @@ KINDS = [TAG, CHESS, BOARDS[0], BOARDS[3], PLAIN]
 @pytest.mark.parametrize("step", [0.0, 0.004, 0.1], ids=["still", "slow", "far"])
 def test_near_an_earlier_view_the_same_corners_are_found(rectangle, step):
     first, then = pose(-0.05, 0.02, 0.8, (0.3, -0.2, 0.2)), pose(-0.05 + step, 0.02, 0.8, (0.3, -0.2 + step, 0.2))
-    before = detect(picture(rectangle, first), [rectangle])
+    before = detect_views(picture(rectangle, first), [rectangle])
     image = picture(rectangle, then)
-    near, whole = detect(image, [rectangle], near=before)[0], detect(image, [rectangle])[0]
+    near, whole = detect_views(image, [rectangle], near=before)[0], detect_views(image, [rectangle])[0]
     np.testing.assert_array_equal(near.points, whole.points)
     # The same fit from another start: it ends within its own tolerance.
     np.testing.assert_allclose(near.pixels, whole.pixels, atol=0.02)
@@ -247,13 +247,13 @@ def test_near_an_earlier_view_the_same_corners_are_found(rectangle, step):
 
 def test_another_tag_in_the_place_of_an_earlier_one_is_not_taken_for_it():
     other = Rectangle("other", 0.16, 0.16, TagMarking("apriltag_36h11", 6))
-    before = detect(picture(TAG, POSES[0]), [TAG])
-    assert detect(picture(other, POSES[0]), [TAG], near=before) == []
-    assert [v.rectangle for v in detect(picture(other, POSES[0]), [TAG, other], near=before)] == ["other"]
+    before = detect_views(picture(TAG, POSES[0]), [TAG])
+    assert detect_views(picture(other, POSES[0]), [TAG], near=before) == []
+    assert [v.rectangle for v in detect_views(picture(other, POSES[0]), [TAG, other], near=before)] == ["other"]
 
 
 def test_where_nothing_was_before_all_is_found():
-    views = detect(picture(BOARDS[0], POSES[0]), BOARDS[:1], near=[])
+    views = detect_views(picture(BOARDS[0], POSES[0]), BOARDS[:1], near=[])
     assert len(views[0].points) == 12
 
 
@@ -261,8 +261,8 @@ def test_part_of_a_larger_chessboard_is_not_ours():
     # The same squares, more of them: any six by five corners of it would pass for our board.
     for columns, rows in ((8, 6), (7, 7), (10, 8)):
         larger = Rectangle("larger", columns * 0.03, rows * 0.03, ChessboardMarking(columns, rows, 0.03))
-        assert detect(picture(larger, pose(0, 0, 0.6, (0.2, 0.1, 0.1))), [CHESS]) == []
+        assert detect_views(picture(larger, pose(0, 0, 0.6, (0.2, 0.1, 0.1))), [CHESS]) == []
 
 
 def test_sheet_cut_off_by_the_image_is_no_view():
-    assert detect(picture(PLAIN, pose(-0.35, 0, 0.8)), [PLAIN]) == []
+    assert detect_views(picture(PLAIN, pose(-0.35, 0, 0.8)), [PLAIN]) == []

@@ -8,7 +8,7 @@ from quadrig.single.marking import CharucoMarking, ChessboardMarking, PlainMarki
 from quadrig.single.pose import Pose
 from quadrig.single.rectangle import Rectangle
 from quadrig.single.render.marking_image import marking_image, marking_patches, quiet_zone
-from quadrig.single.render.picture import Sheet, backdrop, ray_grid, render
+from quadrig.single.render.picture import Sheet, backdrop, ray_grid, render_image
 from quadrig.single.render.room import Room
 
 STRAIGHT = Intrinsics.centred(160, 120, 200.0)
@@ -22,7 +22,7 @@ def facing(x: float, y: float, z: float) -> Pose:
 
 def test_light_of_a_sheet_is_its_projected_area():
     sheet = Sheet(SHEET, facing(0.013, -0.007, 0.5), tone=1.0)
-    image = render(STRAIGHT, Pose.identity(), [sheet], background=0.0, samples=8, colour=False)
+    image = render_image(STRAIGHT, Pose.identity(), [sheet], background=0.0, samples=8, colour=False)
     area = (0.2 * 200 / 0.5) * (0.1 * 200 / 0.5)
     # Eight samples a side and whole grey levels leave a hundredth of a pixel's area along the outline.
     assert image.sum() / 255 == pytest.approx(area, rel=2e-3)
@@ -33,7 +33,7 @@ def test_middle_of_light_is_where_the_lens_puts_it():
     pose = facing(0.18, 0.12, 0.5)
     # Blur leaves the middle of the light where it is, and frees it from the pixels' own middles.
     light = {"background": 0.0, "samples": 6, "blur": 1.0, "colour": False}
-    image = render(BENT, Pose.identity(), [Sheet(small, pose, tone=1.0)], **light)
+    image = render_image(BENT, Pose.identity(), [Sheet(small, pose, tone=1.0)], **light)
     y, x = np.mgrid[: image.shape[0], : image.shape[1]]
     middle = np.array([(x * image).sum(), (y * image).sum()]) / image.sum()
     # Distortion moves the middle of a square 3 px wide by less than this against its projected middle.
@@ -42,7 +42,7 @@ def test_middle_of_light_is_where_the_lens_puts_it():
 
 def test_nearer_sheet_hides_the_other_whatever_their_order():
     near, far = Sheet(SHEET, facing(0, 0, 0.5), tone=0.9), Sheet(SHEET, facing(0, 0, 0.8), tone=0.2)
-    images = [render(STRAIGHT, Pose.identity(), order, colour=False) for order in ([near, far], [far, near])]
+    images = [render_image(STRAIGHT, Pose.identity(), order, colour=False) for order in ([near, far], [far, near])]
     np.testing.assert_array_equal(*images)
     assert images[0][60, 80] == pytest.approx(0.9 * 255, abs=2)
 
@@ -50,7 +50,7 @@ def test_nearer_sheet_hides_the_other_whatever_their_order():
 def test_what_lies_on_a_sheet_later_in_the_list_is_on_top():
     table = Sheet(Rectangle("table", 2.0, 2.0, PlainMarking()), facing(0.6, 0, 0.8), tone=0.2)
     card = Sheet(SHEET, facing(0, 0, 0.8), tone=0.9)
-    image = render(STRAIGHT, Pose.identity(), [table, card], colour=False)
+    image = render_image(STRAIGHT, Pose.identity(), [table, card], colour=False)
     assert image[60, 80] > 200
 
 
@@ -58,7 +58,7 @@ def test_back_of_a_sheet_is_blank():
     tag = Rectangle("tag", 0.2, 0.2, TagMarking("aruco_4x4_50", 1))
     turned = Pose(np.diag([-1.0, 1.0, -1.0]), np.array([0, 0, 0.6]))
     front, back = (
-        render(STRAIGHT, Pose.identity(), [Sheet(tag, pose)], background=0.5, colour=False)
+        render_image(STRAIGHT, Pose.identity(), [Sheet(tag, pose)], background=0.5, colour=False)
         for pose in (facing(0, 0, 0.6), turned)
     )
     assert front[40:80, 60:100].std() > 50
@@ -69,7 +69,8 @@ def test_motion_spreads_an_edge_but_keeps_its_light():
     still = Sheet(SHEET, facing(0, 0, 0.5), tone=1.0)
     moved = Sheet(SHEET, facing(0, 0, 0.5), tone=1.0, motion=np.array([0, 0, 0, 0.02, 0, 0]))
     sharp, soft = (
-        render(STRAIGHT, Pose.identity(), [s], background=0.0, colour=False).astype(float) for s in (still, moved)
+        render_image(STRAIGHT, Pose.identity(), [s], background=0.0, colour=False).astype(float)
+        for s in (still, moved)
     )
     assert soft.sum() == pytest.approx(sharp.sum(), rel=0.01)
     # 0.02 m at 0.5 m and focal 200 are 8 px, so the edge is some 8 px wide.
@@ -78,7 +79,7 @@ def test_motion_spreads_an_edge_but_keeps_its_light():
 
 
 def test_noise_and_exposure_are_what_was_asked_for():
-    image = render(
+    image = render_image(
         STRAIGHT, Pose.identity(), [], background=0.4, noise=3.0, exposure=1.2, rng=np.random.default_rng(4)
     )
     assert image.shape == (120, 160, 3)
@@ -87,12 +88,14 @@ def test_noise_and_exposure_are_what_was_asked_for():
 
 
 def test_same_seed_gives_the_same_picture():
-    pictures = [render(STRAIGHT, Pose.identity(), [], noise=2.0, rng=np.random.default_rng(9)) for _ in range(2)]
+    pictures = [
+        render_image(STRAIGHT, Pose.identity(), [], noise=2.0, rng=np.random.default_rng(9)) for _ in range(2)
+    ]
     np.testing.assert_array_equal(*pictures)
 
 
 def test_sheet_behind_the_camera_is_not_seen():
-    image = render(STRAIGHT, Pose.identity(), [Sheet(SHEET, facing(0, 0, -0.5))], background=0.5, colour=False)
+    image = render_image(STRAIGHT, Pose.identity(), [Sheet(SHEET, facing(0, 0, -0.5))], background=0.5, colour=False)
     assert np.ptp(image) == 0
 
 

@@ -80,8 +80,10 @@ def solve(views: Views, rng, **options) -> Solution:
 
 
 def errors_of(answer: Solution, views: Views):
-    """Errors (N, 7) of the focal and of the step of cam_from_rect."""
-    return np.concatenate([(answer.focal - views.focal)[:, None], views.pose.step_to(answer.cam_from_rect)], axis=1)
+    """Errors (N, 7) of the focal and of the step of camera_from_rect."""
+    return np.concatenate(
+        [(answer.focal - views.focal)[:, None], views.pose.step_to(answer.camera_from_rect)], axis=1
+    )
 
 
 def sigmas_of(covariance):
@@ -123,16 +125,16 @@ def test_covariance_in_both_frames_is_what_noise_does():
     views = one.take(np.zeros(4000, int))
     answer = solve(views, rng)
     for step, covariance in (
-        (views.pose.step_to(answer.cam_from_rect), answer.covariance[:, 3:, 3:]),
-        (views.pose.inverse().step_to(answer.rect_from_cam), answer.rect_from_cam_covariance[:, 3:, 3:]),
+        (views.pose.step_to(answer.camera_from_rect), answer.covariance[:, 3:, 3:]),
+        (views.pose.inverse().step_to(answer.rect_from_camera), answer.rect_from_camera_covariance[:, 3:, 3:]),
     ):
         predicted = np.median(covariance, axis=0)
         scale = np.sqrt(np.diag(predicted))
         # 4000 draws know a correlation to 0.016 and a variance to 2.2 %; five of those.
         assert np.abs(np.cov(step.T) / np.outer(scale, scale) - predicted / np.outer(scale, scale)).max() < 0.12
-    angles = np.stack(angles_from_rotation(answer.rect_from_cam.rotation), axis=-1)
-    found = np.concatenate([answer.rect_from_cam.translation, angles, answer.focal[:, None]], axis=1)
-    expected = np.median(paper_sigmas(answer.covariance, answer.cam_from_rect), axis=0)
+    angles = np.stack(angles_from_rotation(answer.rect_from_camera.rotation), axis=-1)
+    found = np.concatenate([answer.rect_from_camera.translation, angles, answer.focal[:, None]], axis=1)
+    expected = np.median(paper_sigmas(answer.covariance, answer.camera_from_rect), axis=0)
     assert found.std(axis=0) == pytest.approx(expected, rel=0.12)
 
 
@@ -213,7 +215,7 @@ def test_fronto_parallel_is_unknowable_with_an_interval_and_a_pose_for_a_given_f
     assert (blind.reason == Reason.FOCAL_UNKNOWABLE).all()
     told = solve_rectangles(corners, 0.297, 0.21, CENTRE, focal=1400.0, sigma=NOISE)
     assert (told.reason == Reason.OK).all()
-    assert np.abs(pose.step_to(told.cam_from_rect)).max() < 1e-6
+    assert np.abs(pose.step_to(told.camera_from_rect)).max() < 1e-6
 
 
 def test_bad_members_are_nan_with_a_reason_and_the_others_are_untouched():
@@ -230,7 +232,7 @@ def test_bad_members_are_nan_with_a_reason_and_the_others_are_untouched():
     answer = solve_rectangles(spoilt, width, views.height, CENTRE, sigma=NOISE)
     expected = [Reason.NOT_FINITE, Reason.CROSSING, Reason.COLLINEAR, Reason.REVERSED, Reason.NO_SIZE, Reason.OK]
     assert answer.reason.tolist() == expected
-    for values in (answer.focal, answer.chi2, answer.cam_from_rect.translation, answer.covariance):
+    for values in (answer.focal, answer.chi2, answer.camera_from_rect.translation, answer.covariance):
         assert np.isnan(values[:5]).all()
     assert answer.focal[5] == pytest.approx(alone.focal[5], rel=1e-12)
 
@@ -261,12 +263,14 @@ def test_both_tilts_are_found_and_preferred_as_often_as_claimed():
     truth = far_views(rng, 1500)
     located = truth[:, None].transform(rectangle_corners(0.297, 0.21))
     corners = 3000.0 * located[..., :2] / located[..., 2:] + CENTRE + rng.normal(0, NOISE, (1500, 4, 2))
-    start = solve_rectangles(corners, 0.297, 0.21, CENTRE, focal=3000.0, sigma=NOISE).cam_from_rect
+    start = solve_rectangles(corners, 0.297, 0.21, CENTRE, focal=3000.0, sigma=NOISE).camera_from_rect
     twins = twin_poses(rectangle_corners(0.297, 0.21), corners, 3000.0, CENTRE, start, NOISE)
     assert twins.exists.mean() > 0.95
     assert (twins.log_likelihood_ratio >= 0).all()
-    from_truth = [np.linalg.norm(truth.step_to(twins.cam_from_rect[:, k])[:, :3], axis=-1) for k in (0, 1)]
-    from_mirror = [np.linalg.norm(mirrored(truth).step_to(twins.cam_from_rect[:, k])[:, :3], axis=-1) for k in (0, 1)]
+    from_truth = [np.linalg.norm(truth.step_to(twins.camera_from_rect[:, k])[:, :3], axis=-1) for k in (0, 1)]
+    from_mirror = [
+        np.linalg.norm(mirrored(truth).step_to(twins.camera_from_rect[:, k])[:, :3], axis=-1) for k in (0, 1)
+    ]
     told = twins.exists
     first = from_truth[0] < from_truth[1]
     # The pair is the truth and its mirror image, to within what noise and the little perspective do (8 degrees).
@@ -289,7 +293,7 @@ def test_strong_perspective_has_no_twin_or_excludes_it():
     noisy = views.pixels + rng.normal(0, NOISE, views.pixels.shape)
     twins = twin_poses(views.points, noisy, views.focal, CENTRE, views.pose, NOISE)
     assert (
-        np.linalg.norm(views.pose.step_to(twins.cam_from_rect[:, 0])[:, :3], axis=-1) < np.radians(5)
+        np.linalg.norm(views.pose.step_to(twins.camera_from_rect[:, 0])[:, :3], axis=-1) < np.radians(5)
     ).mean() > 0.99
     assert (twins.certainty > 0.999).mean() > 0.9
 
@@ -305,9 +309,9 @@ def test_any_leading_shape(shape, known):
     for answer in (four, any_points):
         assert answer.focal.shape == answer.chi2.shape == answer.reason.shape == answer.dof.shape == shape
         assert answer.covariance.shape == (*shape, 9, 9)
-        assert answer.rect_from_cam_covariance.shape == (*shape, 9, 9)
+        assert answer.rect_from_camera_covariance.shape == (*shape, 9, 9)
         assert np.shape(answer.focal_interval[0]) == shape
     assert np.allclose(four.focal, any_points.focal, rtol=1e-6)
-    twins = twin_poses(points, corners, 400.0, centres, four.cam_from_rect)
+    twins = twin_poses(points, corners, 400.0, centres, four.camera_from_rect)
     assert twins.chi2.shape == (*shape, 2)
-    assert twins.cam_from_rect.rotation.shape == (*shape, 2, 3, 3)
+    assert twins.camera_from_rect.rotation.shape == (*shape, 2, 3, 3)
