@@ -5,7 +5,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-EXAMPLE = Path(__file__).parents[2] / "examples" / "06_coached_setup.py"
+EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "06_coached_setup.py"
 
 
 def test_the_coached_person_needs_fewer_framesets():

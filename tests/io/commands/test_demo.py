@@ -68,7 +68,7 @@ def test_it_leaves_what_it_says(ran) -> None:
 
 def test_examples_read_what_it_leaves(ran) -> None:
     folder, _ = ran
-    script = Path(__file__).resolve().parents[2] / "examples" / "04_recording_to_rig.py"
+    script = Path(__file__).resolve().parents[3] / "examples" / "04_recording_to_rig.py"
     done = subprocess.run([sys.executable, str(script), str(folder)], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     assert "cam3: focal 70" in done.stdout or "cam3: focal 69" in done.stdout
