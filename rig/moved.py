@@ -21,8 +21,9 @@ from quadrig.rig.adjustment.levenberg_marquardt import adjust, undamped
 from quadrig.rig.adjustment.outliers import USUAL_WEIGHT, noise_of
 from quadrig.rig.adjustment.schur import dense_matrix
 from quadrig.rig.joint.assemble import step_by_camera_twist
-from quadrig.rig.joint.cross_validation import leave_out
-from quadrig.rig.joint.stages import Joint, left_over, solve_jointly
+from quadrig.rig.joint.cross_validation import cross_validate
+from quadrig.rig.joint.residual_noise import residual_sum
+from quadrig.rig.joint.stages import Contradicted, Joint, solve_jointly
 from quadrig.rig.problem.build import Problem, build_problem, components
 from quadrig.rig.problem.camera_input import CameraInput
 from quadrig.rig.result import CAMERA_PARAMETERS, Rig
@@ -131,6 +132,8 @@ def _evidence(rig: Rig, problem: Problem) -> _Evidence:
     begin = start(problem)
     first = first_rig(problem, begin.candidates, 0)
     joint = solve_jointly(problem, begin, first, np.arange(len(problem.cameras)) == 0)
+    if isinstance(joint, Contradicted):
+        raise QuadrigError(joint.sentence)
     new_from_old = _aligned(joint, [rig.camera(camera.name).rig_from_camera for camera in problem.cameras])
     stored = tuple(new_from_old @ rig.camera(camera.name).rig_from_camera for camera in problem.cameras)
     matrix, gradient, columns, freedom = _new_information(rig, problem, joint)
@@ -196,15 +199,15 @@ def _new_information(rig: Rig, problem: Problem, joint: Joint) -> tuple[Floats, 
     free = np.array(
         [[name in rig.camera(camera.name).free_lens for name in LENS_PARAMETERS] for camera in problem.cameras]
     )
-    nothing = np.zeros_like(joint.freedom.prior_information)
-    opened = replace(joint.freedom, lens=free, pose=np.ones(len(free), bool), prior_information=nothing)
-    chi_square, freedom = left_over(
-        joint.adjustment, joint.observations, joint.freedom, joint.noise, joint.covariance
+    nothing = np.zeros_like(joint.free.prior_information)
+    opened = replace(joint.free, lens=free, pose=np.ones(len(free), bool), prior_information=nothing)
+    chi_square, freedom = residual_sum(
+        joint.adjustment, joint.observations, joint.free, joint.noise, joint.covariance
     )
     # What is known of the noise beforehand is what these cameras had when they were calibrated.
     usual = rig.noise if np.isfinite(rig.noise) else joint.noise
     # What the new recording's own parts disagree on is no motion either.
-    noise = noise_of(chi_square, freedom, usual) * np.sqrt(leave_out(problem, joint).widening)
+    noise = noise_of(chi_square, freedom, usual) * np.sqrt(cross_validate(problem, joint).widening)
     found = adjust(joint.observations, joint.adjustment.state, opened, noise, most_steps=0)
     reduced = undamped(found, opened)
     matrix, unknown = dense_matrix(reduced), reduced.free.ravel()

@@ -9,7 +9,7 @@ from quadrig.rig.adjustment.levenberg_marquardt import adjust, undamped
 from quadrig.rig.adjustment.normal_equations import LENS
 from quadrig.rig.adjustment.schur import dense_matrix
 from quadrig.rig.joint.assemble import assemble_rig, camera_covariance, step_by_camera_twist
-from quadrig.rig.joint.stages import Joint, solve_jointly
+from quadrig.rig.joint.stages import Contradicted, Joint, solve_jointly
 from quadrig.rig.problem.build import Problem, build_problem, components
 from quadrig.rig.problem.camera_input import CameraInput
 from quadrig.rig.result import CAMERA_PARAMETERS, Rig
@@ -47,6 +47,8 @@ def recalibrate(
         problem, rig, first_rig(problem, begin.candidates, int(np.flatnonzero(standing)[0])), standing
     )
     joint = solve_jointly(problem, begin, first, standing)
+    if isinstance(joint, Contradicted):
+        raise QuadrigError(joint.sentence)
     order = [camera.name for camera in rig.cameras if camera.name in {c.name for c in problem.cameras}]
     covariance = _passed_on(problem, joint, rig, standing)
     solved = assemble_rig(problem, joint, first, covariance, rig.reference, {}, order)
@@ -109,17 +111,17 @@ def _in_rig_frame(problem: Problem, rig: Rig, first: FirstRig, standing: Floats)
 
 def _passed_on(problem: Problem, joint: Joint, rig: Rig, standing: Floats) -> Floats:
     """Covariance (15 C, 15 C): of the moved cameras by themselves, and what the others' doubt adds to it."""
-    free = joint.freedom.lens.copy()
+    free = joint.free.lens.copy()
     for row in np.flatnonzero(standing):
         known = rig.camera(problem.cameras[row].name).free_lens
         free[row] = [name in known for name in LENS_PARAMETERS]
-    opened = replace(joint.freedom, lens=free, pose=np.ones(len(standing), bool), slack=None)
+    opened = replace(joint.free, lens=free, pose=np.ones(len(standing), bool), slack=None)
     # The clocks stay where they were found: their doubt is not a rig's.
     state = replace(joint.adjustment.state, motion=None, offsets=None, slack=None)
     found = adjust(joint.observations, state, opened, joint.noise, most_steps=0)
     matrix, columns = dense_matrix(undamped(found, opened)), found.columns
     size = len(columns) + 6
-    is_new = np.repeat(~standing, size) & joint.freedom.unknowns(columns, state).ravel()
+    is_new = np.repeat(~standing, size) & joint.free.unknowns(columns, state).ravel()
     is_old = np.repeat(standing, size) & opened.unknowns(columns, state).ravel()
     new, old = np.flatnonzero(is_new), np.flatnonzero(is_old)
     gain = -np.linalg.solve(matrix[np.ix_(new, new)], matrix[np.ix_(new, old)])

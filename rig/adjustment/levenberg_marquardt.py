@@ -18,7 +18,7 @@ from quadrig.rig.adjustment.normal_equations import (
     normal_equations,
 )
 from quadrig.rig.adjustment.schur import Reduced, eliminate, node_steps, solve_cameras
-from quadrig.rig.adjustment.slack import SlackPrior, Softened, slack_steps, soften
+from quadrig.rig.adjustment.slack import EliminatedSlack, SlackPrior, eliminate_slack, slack_steps
 from quadrig.rig.problem.observations import Observations
 from quadrig.single.arrays import Floats
 
@@ -36,7 +36,7 @@ _LAST_DAMPING = 1e8
 
 
 @dataclass(frozen=True, eq=False)
-class Freedom:
+class FreeParameters:
     """What may change, and what is known beforehand.
 
     lens (C, 9) bool, pose (C,) bool, node (N,) bool. prior_mean, prior_information (C, 9): independent Gaussian
@@ -68,7 +68,7 @@ class Freedom:
 class Adjustment:
     """Where the adjustment ended. costs: chi-square (with priors) at each step that was kept.
 
-    linearised, normal: at the end, undamped; normal includes the priors. softened: what leads to the slack.
+    linearised, normal: at the end, undamped; normal includes the priors. eliminated: what leads to the slack.
     """
 
     state: State
@@ -77,14 +77,15 @@ class Adjustment:
     normal: Normal
     layout: Layout
     columns: Floats
-    softened: Softened | None = None
+    eliminated: EliminatedSlack | None = None
 
 
 def adjust(
     observations: Observations,
     state: State,
-    freedom: Freedom,
+    free: FreeParameters,
     noise: float,
+    *,
     robust: bool = False,
     most_steps: int = 50,
     tables: Layout | None = None,
@@ -95,8 +96,8 @@ def adjust(
     noise: sigma (px) of a pixel coordinate of weight 1. robust: Cauchy's loss instead of squares. tolerance: the
     fall of chi-square to be expected of a further step, below which none is taken.
     """
-    problem = _Adjusted(observations, freedom, tables or layout(observations), freedom.columns, noise, robust)
-    if freedom.slack is not None and state.slack is None:
+    problem = _Adjusted(observations, free, tables or layout(observations), free.columns, noise, robust)
+    if free.slack is not None and state.slack is None:
         state = replace(state, slack=np.zeros((len(observations.camera), 6)))
     here = _expand(problem, state)
     costs, damping = [here.cost], _FIRST_DAMPING
@@ -112,20 +113,20 @@ def adjust(
             break
         last = expected
     return Adjustment(
-        here.state, tuple(costs), here.linearised, here.normal, problem.tables, problem.columns, here.softened
+        here.state, tuple(costs), here.linearised, here.normal, problem.tables, problem.columns, here.eliminated
     )
 
 
 def with_noise(
-    found: Adjustment, observations: Observations, freedom: Freedom, before: float, after: float
+    found: Adjustment, observations: Observations, free: FreeParameters, before: float, after: float
 ) -> Adjustment:
     """The end of an adjustment by least squares without slack, as if the noise had been another (px).
 
     Priors weigh otherwise then: the step to the new minimum is so short that the derivatives stay what they are.
     """
     gram = found.linearised.gram * (before / after) ** 2
-    found = replace(found, normal=_normal(observations, found, freedom, gram))
-    reduced = undamped(found, freedom)
+    found = replace(found, normal=_normal(observations, found, free, gram))
+    reduced = undamped(found, free)
     steps = solve_cameras(reduced)
     poses = node_steps(found.normal, found.layout, reduced, steps)
     by_view = view_steps(observations, found.state, steps, poses, len(found.columns))
@@ -137,12 +138,12 @@ def with_noise(
     state = _stepped(observations, found.columns, found.state, None, steps, poses)
     linearised = replace(found.linearised, gram=gram, cost=float(gram[:, -1, -1].sum()))
     moved = replace(found, state=state, linearised=linearised)
-    return replace(moved, normal=_normal(observations, moved, freedom, gram))
+    return replace(moved, normal=_normal(observations, moved, free, gram))
 
 
-def _normal(observations: Observations, found: Adjustment, freedom: Freedom, gram: Floats) -> Normal:
+def _normal(observations: Observations, found: Adjustment, free: FreeParameters, gram: Floats) -> Normal:
     normal = normal_equations(observations, found.layout, found.state, gram)
-    return with_prior(normal, found.state, freedom, found.columns)
+    return with_prior(normal, found.state, free, found.columns)
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,7 +151,7 @@ class _Adjusted:
     """What stays the same through one adjustment."""
 
     observations: Observations
-    freedom: Freedom
+    free: FreeParameters
     tables: Layout
     columns: Floats
     noise: float
@@ -165,38 +166,38 @@ class _Expansion:
     cost: float
     linearised: Linearised
     normal: Normal
-    softened: Softened | None
+    eliminated: EliminatedSlack | None
 
 
 def _linearised(problem: _Adjusted, state: State) -> tuple[Linearised, float]:
-    found = linearise(problem.observations, state, problem.columns, problem.noise, problem.robust)
-    return found, found.cost + _prior_cost(state, problem.freedom)
+    found = linearise(problem.observations, state, problem.columns, problem.noise, robust=problem.robust)
+    return found, found.cost + _prior_cost(state, problem.free)
 
 
 def _expand(problem: _Adjusted, state: State, known: tuple[Linearised, float] | None = None) -> _Expansion:
     linearised, cost = known or _linearised(problem, state)
-    prior, softened, gram = problem.freedom.slack, None, linearised.gram
+    prior, eliminated, gram = problem.free.slack, None, linearised.gram
     if prior is not None and state.slack is not None:
-        softened = soften(gram, state.slack, prior.information)
-        gram = softened.gram
+        eliminated = eliminate_slack(gram, state.slack, prior.information)
+        gram = eliminated.gram
     normal = normal_equations(problem.observations, problem.tables, state, gram)
-    return _Expansion(state, cost, linearised, with_prior(normal, state, problem.freedom, problem.columns), softened)
+    return _Expansion(state, cost, linearised, with_prior(normal, state, problem.free, problem.columns), eliminated)
 
 
 def _better(problem: _Adjusted, here: _Expansion, damping: float) -> tuple[_Expansion, float, float] | None:
     """The next state of lower cost, the fall that was expected, and the next damping; None at a minimum."""
-    freedom, normal = problem.freedom, here.normal
-    unknowns, first = freedom.unknowns(problem.columns, here.state), damping
+    free, normal = problem.free, here.normal
+    unknowns, first = free.unknowns(problem.columns, here.state), damping
     while damping < _LAST_DAMPING:
         try:
-            reduced = eliminate(normal, problem.tables, unknowns, freedom.node, damping)
+            reduced = eliminate(normal, problem.tables, unknowns, free.node, damping)
             steps = solve_cameras(reduced)
         except np.linalg.LinAlgError:
             damping *= 100
             continue
         poses = node_steps(normal, problem.tables, reduced, steps)
         expected = float((steps * normal.camera_gradient * unknowns).sum() + (poses * normal.node_gradient).sum())
-        trial = _stepped(problem.observations, problem.columns, here.state, here.softened, steps, poses)
+        trial = _stepped(problem.observations, problem.columns, here.state, here.eliminated, steps, poses)
         found = _linearised(problem, trial)
         # At the very minimum rounding decides whether the cost still falls: equal to its last digits is as good.
         if found[1] <= here.cost * (1 + 1e-14):
@@ -211,18 +212,23 @@ def _better(problem: _Adjusted, here: _Expansion, damping: float) -> tuple[_Expa
 def followed(found: Adjustment, observations: Observations, reduced: Reduced, steps: Floats) -> State:
     """The state after steps (C, M) of the cameras from the end of an adjustment; all else follows."""
     poses = node_steps(found.normal, found.layout, reduced, steps)
-    return _stepped(observations, found.columns, found.state, found.softened, steps, poses)
+    return _stepped(observations, found.columns, found.state, found.eliminated, steps, poses)
 
 
 def _stepped(
-    observations: Observations, columns: Floats, state: State, softened: Softened | None, steps: Floats, poses: Floats
+    observations: Observations,
+    columns: Floats,
+    state: State,
+    eliminated: EliminatedSlack | None,
+    steps: Floats,
+    poses: Floats,
 ) -> State:
     count = len(columns)
     lens = np.zeros_like(state.lens)
     lens[:, columns] = steps[:, :count]
     slack = state.slack
-    if softened is not None and slack is not None:
-        slack = slack + slack_steps(softened, view_steps(observations, state, steps, poses, count))
+    if eliminated is not None and slack is not None:
+        slack = slack + slack_steps(eliminated, view_steps(observations, state, steps, poses, count))
     offsets = None if state.offsets is None else state.offsets + steps[:, count + 6 :].sum(axis=1)
     return replace(state.moved(lens, steps[:, count : count + 6], poses), slack=slack, offsets=offsets)
 
@@ -238,30 +244,30 @@ def view_steps(observations: Observations, state: State, steps: Floats, poses: F
     return np.concatenate([own[:, :lens], chained[..., 0]], axis=1)
 
 
-def _prior_cost(state: State, freedom: Freedom) -> float:
-    cost = float((freedom.prior_information * freedom.lens * (state.lens - freedom.prior_mean) ** 2).sum())
-    if freedom.slack is not None and state.slack is not None:
-        held = np.where(freedom.slack.loose[:, None], freedom.slack.information, 0.0)
+def _prior_cost(state: State, free: FreeParameters) -> float:
+    cost = float((free.prior_information * free.lens * (state.lens - free.prior_mean) ** 2).sum())
+    if free.slack is not None and state.slack is not None:
+        held = np.where(free.slack.loose[:, None], free.slack.information, 0.0)
         cost += float((held * state.slack**2).sum())
     if state.offsets is not None:
         cost += float((state.offsets**2).sum()) * _CLOCK_INFORMATION
     return cost
 
 
-def with_prior(normal: Normal, state: State, freedom: Freedom, columns: Floats) -> Normal:
+def with_prior(normal: Normal, state: State, free: FreeParameters, columns: Floats) -> Normal:
     """The normal equations with the priors of the lens parameters added."""
-    information = (freedom.prior_information * freedom.lens)[:, columns]
+    information = (free.prior_information * free.lens)[:, columns]
     cameras, gradient = normal.cameras.copy(), normal.camera_gradient.copy()
     place = np.arange(len(columns))
     cameras[:, place, place] += information
-    gradient[:, place] += information * (freedom.prior_mean - state.lens)[:, columns]
+    gradient[:, place] += information * (free.prior_mean - state.lens)[:, columns]
     if state.offsets is not None and state.motion is not None:
         cameras[:, -1, -1] += _CLOCK_INFORMATION
         gradient[:, -1] -= _CLOCK_INFORMATION * state.offsets
     return replace(normal, cameras=cameras, camera_gradient=gradient)
 
 
-def undamped(adjustment: Adjustment, freedom: Freedom) -> Reduced:
+def undamped(adjustment: Adjustment, free: FreeParameters) -> Reduced:
     """The reduced system at the end of an adjustment, for covariances and tests."""
-    unknowns = freedom.unknowns(adjustment.columns, adjustment.state)
-    return eliminate(adjustment.normal, adjustment.layout, unknowns, freedom.node)
+    unknowns = free.unknowns(adjustment.columns, adjustment.state)
+    return eliminate(adjustment.normal, adjustment.layout, unknowns, free.node)

@@ -79,7 +79,9 @@ class Linearised:
     squares: tuple[Floats, ...]
 
 
-def linearise(observations: Observations, state: State, columns: Floats, noise: float, robust: bool) -> Linearised:
+def linearise(
+    observations: Observations, state: State, columns: Floats, noise: float, *, robust: bool = False
+) -> Linearised:
     """Gram matrices at a state, with weights of 1/noise^2 and, where robust, of Cauchy's loss.
 
     columns (K,): which lens parameters take part.

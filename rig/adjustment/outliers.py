@@ -1,11 +1,11 @@
-"""Which corners and Views do not belong: judged against the noise that the data itself shows."""
+"""Which corners and Views do not belong, against the noise that the data itself shows."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
 from quadrig.rig.problem.observations import Observations
-from quadrig.single.arrays import Floats
+from quadrig.single.arrays import Floats, Mask
 
 # A Gaussian corner strays past 5 sigma (in two dimensions) once in 270,000: losing it costs nothing, and what
 # strays further is a fault.
@@ -19,14 +19,24 @@ USUAL_WEIGHT = 4.0
 
 
 @dataclass(frozen=True, eq=False)
-class Judged:
+class Inliers:
     """weights: for each group (V, P), zero where a corner is out. rejected (views,) bool: Views out as a whole."""
 
     weights: tuple[Floats, ...]
-    rejected: Floats
+    rejected: Mask
+
+    def same_points(self, other: "Inliers") -> bool:
+        """Whether the same corners carry weight."""
+        return all(np.array_equal(a > 0, b > 0) for a, b in zip(self.weights, other.weights, strict=True))
+
+    def without(self, observations: Observations, views: Mask) -> "Inliers":
+        """Some Views (views,) rejected as well."""
+        groups = zip(observations.groups, self.weights, strict=True)
+        weights = tuple(np.where(views[group.view][:, None], 0.0, own) for group, own in groups)
+        return Inliers(weights, self.rejected | views)
 
 
-def judge(observations: Observations, squares: tuple[Floats, ...], noise: float) -> Judged:
+def find_outliers(observations: Observations, squares: tuple[Floats, ...], noise: float) -> Inliers:
     """Sort corners into those within 5 sigma and those that are not, from squared residuals (px^2)."""
     rejected = np.zeros(len(observations.camera), bool)
     weights = []
@@ -38,7 +48,7 @@ def judge(observations: Observations, squares: tuple[Floats, ...], noise: float)
         whole = share >= _WHOLE_VIEW
         rejected[group.view] = whole
         weights.append(np.where(far | whole[:, None], 0.0, group.weights))
-    return Judged(tuple(weights), rejected)
+    return Inliers(tuple(weights), rejected)
 
 
 def noise_of(chi_square: float, freedom: float, usual: float = USUAL_NOISE) -> float:

@@ -43,7 +43,7 @@ class SlackPrior:
 
 
 @dataclass(frozen=True, eq=False)
-class Softened:
+class EliminatedSlack:
     """Gram matrices (V, K+7, K+7) with the slack of every View eliminated, and what leads back to the slack.
 
     inverse (V, 6, 6): of the slack's own normal matrix. rows (V, 6, K+7): of the slack, over all columns.
@@ -54,7 +54,7 @@ class Softened:
     rows: Floats
 
 
-def soften(gram: Floats, slack: Floats, information: Floats) -> Softened:
+def eliminate_slack(gram: Floats, slack: Floats, information: Floats) -> EliminatedSlack:
     """Eliminate slack (V, 6) with prior information (V, 6); where that is infinite the View has none."""
     lens = gram.shape[-1] - 7
     loose = np.isfinite(information).all(axis=1)
@@ -64,28 +64,28 @@ def soften(gram: Floats, slack: Floats, information: Floats) -> Softened:
     own = gram[:, lens : lens + 6, lens : lens + 6] + held[:, :, None] * np.eye(6)
     inverse = np.zeros_like(own)
     inverse[loose] = np.linalg.inv(own[loose])
-    softened = gram - np.swapaxes(gram[:, lens : lens + 6, :], -1, -2) @ inverse @ rows
+    reduced = gram - np.swapaxes(gram[:, lens : lens + 6, :], -1, -2) @ inverse @ rows
     # The residual column alone carries the prior's pull; the row is its mirror, so that the matrix stays symmetric.
-    softened[:, -1, :] = softened[:, :, -1]
-    return Softened(softened, inverse, rows)
+    reduced[:, -1, :] = reduced[:, :, -1]
+    return EliminatedSlack(reduced, inverse, rows)
 
 
-def slack_steps(softened: Softened, steps: Floats) -> Floats:
+def slack_steps(eliminated: EliminatedSlack, steps: Floats) -> Floats:
     """Steps (V, 6) of the slack that go with steps (V, K+6) of lens and chained camera_from_rect."""
-    pulled = softened.rows[:, :, -1:] - softened.rows[:, :, :-1] @ steps[..., None]
-    return (softened.inverse @ pulled)[..., 0]
+    pulled = eliminated.rows[:, :, -1:] - eliminated.rows[:, :, :-1] @ steps[..., None]
+    return (eliminated.inverse @ pulled)[..., 0]
 
 
-def slack_variances(softened: Softened, by_node: Floats, node_covariance: Floats) -> Floats:
+def slack_variances(eliminated: EliminatedSlack, by_node: Floats, node_covariance: Floats) -> Floats:
     """Variances (V, 6) of the slack, with the doubt of the rectangle poses that it is reckoned from.
 
     by_node (V, 6, 6): derivative of the chained camera_from_rect by its node's twist; node_covariance (V, 6, 6): of
     that twist. Without it a rectangle pose that one View alone sees would follow that View, and its slack would seem
     to be none (restricted against plain maximum likelihood; Patterson and Thompson 1971).
     """
-    lens = softened.gram.shape[-1] - 7
-    passed = softened.inverse @ softened.rows[:, :, lens : lens + 6] @ by_node
-    return np.einsum("vii->vi", softened.inverse + passed @ node_covariance @ np.swapaxes(passed, -1, -2))
+    lens = eliminated.gram.shape[-1] - 7
+    passed = eliminated.inverse @ eliminated.rows[:, :, lens : lens + 6] @ by_node
+    return np.einsum("vii->vi", eliminated.inverse + passed @ node_covariance @ np.swapaxes(passed, -1, -2))
 
 
 def learned(slack: Floats, variances: Floats, prior: SlackPrior) -> SlackPrior:

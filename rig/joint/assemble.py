@@ -7,7 +7,7 @@ import numpy as np
 from quadrig.rig.adjustment.normal_equations import LENS, residual_squares
 from quadrig.rig.doubt.weaknesses import weaknesses
 from quadrig.rig.doubt.working_accuracy import covered_points, working_accuracy
-from quadrig.rig.joint.cross_validation import leave_out
+from quadrig.rig.joint.cross_validation import cross_validate
 from quadrig.rig.joint.stages import Joint
 from quadrig.rig.problem.build import Problem
 from quadrig.rig.problem.camera_input import CameraInput
@@ -29,7 +29,7 @@ def cameras_of(problem: Problem, joint: Joint) -> tuple[Camera, ...]:
     cameras = []
     for row, given in enumerate(problem.cameras):
         lens = joint.adjustment.state.lens[row]
-        free = tuple(name for name, is_free in zip(LENS_PARAMETERS, joint.freedom.lens[row], strict=True) if is_free)
+        free = tuple(name for name, is_free in zip(LENS_PARAMETERS, joint.free.lens[row], strict=True) if is_free)
         cameras.append(
             Camera(
                 given.name,
@@ -103,7 +103,7 @@ def rectangles_of(problem: Problem, joint: Joint, widening: float = 1.0) -> tupl
     widening: what covariances are multiplied by.
     """
     poses, covariances = joint.predicted.rig_from_rect, node_covariances(joint) * widening
-    placed_nodes = {int(n) for n in np.unique(joint.observations.node[~joint.judged.rejected])}
+    placed_nodes = {int(n) for n in np.unique(joint.observations.node[~joint.inliers.rejected])}
     world = next((i for i, node in enumerate(problem.nodes) if node.rectangle == ""), None)
     placed = []
     for name, rectangle in problem.rectangles.items():
@@ -145,7 +145,7 @@ def fits_of(problem: Problem, joint: Joint, reading: Floats) -> tuple[ViewFit, .
 
 def _why(problem: Problem, index: int, residuals: Floats, joint: Joint) -> str:
     """Why a View was thrown out, or an empty string."""
-    if not joint.judged.rejected[index]:
+    if not joint.inliers.rejected[index]:
         return ""
     length = np.linalg.norm(residuals, axis=-1)
     if not np.isfinite(length).any():
@@ -233,7 +233,7 @@ def assemble_rig(
     order: list[str],
 ) -> Rig:
     """The Rig of a joint adjustment, cameras in the given order of names. covariance: as Rig.covariance has it."""
-    fit, without = squares_of(problem, joint), leave_out(problem, joint)
+    fit, without = squares_of(problem, joint), cross_validate(problem, joint)
     left_out = _told(without.squares, fit)
     covariance = covariance * without.widening
     cameras = with_figures(cameras_of(problem, joint), fit, left_out, covariance)

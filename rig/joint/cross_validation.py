@@ -26,7 +26,7 @@ _SURE = 3.0
 
 
 @dataclass(frozen=True, eq=False)
-class LeftOut:
+class CrossValidation:
     """squares (V,): sum of squared residuals (px^2) of each View, as predicted without it; nan where that cannot be
     said. dispersion: the variance between the folds' cameras as a multiple of what noise explains, 1 on average where
     nothing else is at work, and its sigma then; 1 where there is one fold alone."""
@@ -41,34 +41,35 @@ class LeftOut:
         return self.dispersion if self.dispersion > 1 + _SURE * self.dispersion_sigma else 1.0
 
 
-def leave_out(problem: Problem, joint: Joint) -> LeftOut:
+def cross_validate(problem: Problem, joint: Joint) -> CrossValidation:
     """Leave each fold out in turn."""
     fold = _folds(problem)[joint.observations.node]
     count = int(fold.max(initial=-1)) + 1
     if count < 2:
-        return LeftOut(np.full(len(fold), np.nan))
-    adjustment, freedom = joint.adjustment, joint.freedom
+        return CrossValidation(np.full(len(fold), np.nan))
+    adjustment, free_nodes = joint.adjustment, joint.free.node
     # A copy of every camera for each fold: then each copy's sums are those of its fold alone, all in one pass.
     copies = _copied(joint.observations, fold, count)
     tables = layout(copies)
     fit, predicted = _copied_state(adjustment.state, count), _copied_state(joint.predicted, count)
-    weighing = adjustment.linearised.gram if adjustment.softened is None else adjustment.softened.gram
+    weighing = adjustment.linearised.gram if adjustment.eliminated is None else adjustment.eliminated.gram
     free = np.tile(joint.reduced.free, (count, 1))
     normal = normal_equations(copies, tables, fit, weighing)
-    own = eliminate(normal, tables, free, freedom.node)
+    own = eliminate(normal, tables, free, free_nodes)
     steps = np.concatenate([_steps_without(joint, own, number, fold == number) for number in range(count)])
     gram, at_prediction = weighing, own
-    if adjustment.softened is not None:
+    if adjustment.eliminated is not None:
         # What the rig says of the pictures has no View straying: another state, with derivatives of its own.
-        gram = linearise(joint.observations, joint.predicted, adjustment.columns, joint.noise, False).gram
+        gram = linearise(joint.observations, joint.predicted, adjustment.columns, joint.noise).gram
         normal = normal_equations(copies, tables, predicted, gram)
-    if adjustment.softened is not None or not freedom.node.all():
-        at_prediction = eliminate(normal, tables, free, np.ones_like(freedom.node))
+    if adjustment.eliminated is not None or not free_nodes.all():
+        at_prediction = eliminate(normal, tables, free, np.ones_like(free_nodes))
     poses = node_steps(normal, tables, at_prediction, steps)
     step = view_steps(copies, predicted, steps, poses, len(adjustment.columns))
     residual = np.concatenate([step, -np.ones((len(step), 1))], axis=1)[:, None]
     squares = (residual @ gram @ np.swapaxes(residual, -1, -2))[:, 0, 0]
-    return LeftOut(squares * (joint.noise * problem.sigmas) ** 2 / problem.shares, *_dispersion(joint, own, count))
+    squares = squares * (joint.noise * problem.sigmas) ** 2 / problem.shares
+    return CrossValidation(squares, *_dispersion(joint, own, count))
 
 
 def _folds(problem: Problem) -> Floats:
@@ -115,7 +116,7 @@ def _steps_without(joint: Joint, own: Reduced, number: int, out: Floats) -> Floa
     blocks[np.searchsorted(whole.left * cameras + whole.right, key)] -= own.blocks[chosen]
     gradient = whole.gradient - own.gradient[number * cameras : (number + 1) * cameras]
     free = whole.free
-    if not joint.freedom.node[joint.observations.node[out]].all():
+    if not joint.free.node[joint.observations.node[out]].all():
         # The rectangle that held the rig frame is left out itself: a camera holds the frame in its stead.
         lens = len(joint.adjustment.columns)
         free = free.copy()

@@ -11,7 +11,7 @@ from functools import cache
 
 import numpy as np
 
-from quadrig.rig.adjustment.levenberg_marquardt import Freedom, adjust, followed, undamped
+from quadrig.rig.adjustment.levenberg_marquardt import FreeParameters, adjust, followed, undamped
 from quadrig.rig.adjustment.normal_equations import Layout, State
 from quadrig.rig.adjustment.schur import reduced_inverse, solve_cameras
 from quadrig.rig.joint.principal_point import PRINCIPAL_SIGMA, learned_sigma
@@ -84,17 +84,22 @@ def starting_lenses(problem: Problem) -> Floats:
 
 
 def choose_lenses(
-    problem: Problem, observations: Observations, state: State, freedom: Freedom, noise: float, tables: Layout
+    problem: Problem,
+    observations: Observations,
+    state: State,
+    first: FreeParameters,
+    noise: float,
+    tables: Layout,
 ) -> LensChoices:
     """The lens of every camera, from one linearisation at the state of a first joint adjustment."""
-    free = freedom.lens.copy()
+    free = first.lens.copy()
     reasons = ["given and kept fixed" if c.fixed else f"asked for: {c.lens}" for c in problem.cameras]
     automatic = [row for row, c in enumerate(problem.cameras) if not c.fixed and c.lens == "auto"]
     if not automatic:
         return LensChoices(free, tuple(reasons), PRINCIPAL_SIGMA, state)
-    everything = freedom.lens.copy()
+    everything = first.lens.copy()
     everything[automatic] = True
-    opened = replace(freedom, lens=everything)
+    opened = replace(first, lens=everything)
     found = adjust(observations, state, opened, noise, most_steps=0, tables=tables)
     reduced = undamped(found, opened)
     step, covariance = solve_cameras(reduced), reduced_inverse(reduced)
@@ -104,18 +109,18 @@ def choose_lenses(
         away = state.lens[row] + step[row, :9] - _NEUTRAL
         given = problem.cameras[row].intrinsics
         fisheye = given is not None and given.model == "fisheye"
-        free[row], reasons[row] = _choose(away, block, 1 / freedom.prior_information[row, 3:], fisheye)
+        free[row], reasons[row] = _choose(away, block, 1 / first.prior_information[row, 3:], fisheye)
     if all(free[row].sum() == len(_RADIAL) for row in automatic):
-        odds = _straight_odds(state, step, covariance, freedom, automatic)
+        odds = _straight_odds(state, step, covariance, first, automatic)
         if odds > _CONVINCING:
             free[automatic] = _mask(_STRAIGHT)
             for row in automatic:
                 reasons[row] = f"no distortion: none in any camera is {_times(odds)} times as likely as some"
-    away = state.lens + step[:, :9] - freedom.prior_mean
+    away = state.lens + step[:, :9] - first.prior_mean
     lens_covariance = covariance.reshape(len(free), size, len(free), size)[:, :9, :, :9]
     principal_sigma = _principal_sigma(problem, away, lens_covariance, free, everything)
     held, value = np.zeros(step.shape, bool), np.zeros(step.shape)
-    held[:, :9], value[:, :9] = everything & ~free, freedom.prior_mean - state.lens
+    held[:, :9], value[:, :9] = everything & ~free, first.prior_mean - state.lens
     chosen = followed(found, observations, reduced, _held_at(step, covariance, held, value))
     return LensChoices(free, tuple(reasons), principal_sigma, chosen)
 
@@ -124,14 +129,16 @@ def _times(odds: float) -> str:
     return f"{np.exp(odds):.0f}" if odds < 7 else f"e^{odds:.0f}"
 
 
-def _straight_odds(state: State, step: Floats, covariance: Floats, freedom: Freedom, automatic: list[int]) -> float:
+def _straight_odds(
+    state: State, step: Floats, covariance: Floats, first: FreeParameters, automatic: list[int]
+) -> float:
     """Log odds of no distortion in any of the cameras against two radial terms in each."""
     size = covariance.shape[0] // len(state.lens)
     away = state.lens + step[:, :9] - _NEUTRAL
     scores = []
     for columns in ([5, 6, 7, 8], [3, 4, 5, 6, 7, 8]):
         index = np.array([row * size + column for row in automatic for column in columns])
-        variance = np.array([1 / freedom.prior_information[row, column] for row in automatic for column in columns])
+        variance = np.array([1 / first.prior_information[row, column] for row in automatic for column in columns])
         out = np.array([away[row, column] for row in automatic for column in columns])
         scores.append(_cost_of_neutral(out, covariance[np.ix_(index, index)], variance))
     return (scores[0] - scores[1]) / 2

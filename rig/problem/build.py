@@ -81,10 +81,6 @@ class Problem:
             len(self.nodes),
         )
 
-    def restricted(self, views: Floats) -> "Problem":
-        """The same problem with some of the Views (indices), and only the nodes that these see."""
-        return _problem(self.cameras, self.rectangles, [self.views[i] for i in views])
-
 
 def build_problem(cameras: Sequence[CameraInput], rectangles: Sequence[Rectangle], views: Sequence[View]) -> Problem:
     """Number everything. Views of too few points are left out.

@@ -30,7 +30,7 @@ _EVIDENCE = 30.0
 
 
 @dataclass(frozen=True, eq=False)
-class InStep:
+class RegroupedViews:
     """views: those of moving rectangles in the framesets nearest to them. offsets (C,) s: by how much true times are
     later than stamps."""
 
@@ -38,7 +38,7 @@ class InStep:
     offsets: Floats
 
 
-def in_step(problem: Problem, offsets: Floats, noise: float) -> InStep | None:
+def regroup(problem: Problem, offsets: Floats, noise: float) -> RegroupedViews | None:
     """The Views grouped by these offsets (C,) s; None where framesets show one instant, to the noise (px)."""
     times = np.array([view.time for view in problem.views])
     tracks = _tracks(problem)
@@ -48,7 +48,7 @@ def in_step(problem: Problem, offsets: Floats, noise: float) -> InStep | None:
     late = true - _instants(problem, true)
     if not np.nanmedian(np.abs(late) * _speeds(problem, tracks, times)) > noise:
         return None
-    return InStep(_regrouped(problem, np.concatenate(list(tracks.values())), true, times), offsets)
+    return RegroupedViews(_regrouped(problem, np.concatenate(list(tracks.values())), true, times), offsets)
 
 
 def path_offsets(problem: Problem, places: Floats) -> Floats:

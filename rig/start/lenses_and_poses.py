@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from quadrig.rig.adjustment.levenberg_marquardt import Freedom, adjust
+from quadrig.rig.adjustment.levenberg_marquardt import FreeParameters, adjust
 from quadrig.rig.adjustment.normal_equations import State, linearise
 from quadrig.rig.adjustment.outliers import USUAL_NOISE, robust_noise
 from quadrig.rig.adjustment.priors import ENOUGH_POINTS, LEAST_NOISE, ROUGH, prior
@@ -175,17 +175,19 @@ def _refine(problem: Problem, observations: Observations, lens: Floats, poses: P
     """Joint fit of each camera's focal and first distortion over its Views, poses following."""
     cameras = len(problem.cameras)
     open_lens = np.array([not c.fixed for c in problem.cameras])
-    free = np.zeros((cameras, 9), bool)
-    free[:, 0] = free[:, 3] = open_lens
+    lens_free = np.zeros((cameras, 9), bool)
+    lens_free[:, 0] = lens_free[:, 3] = open_lens
     mean, information = prior(problem, 0.02)
     information[:, 0] = 1 / lens[:, 0] ** 2
     mean[:, 0] = lens[:, 0]
-    freedom = Freedom(free, np.zeros(cameras, bool), np.ones(observations.nodes, bool), mean, information)
+    still, every = np.zeros(cameras, bool), np.ones(observations.nodes, bool)
+    free = FreeParameters(lens_free, still, every, mean, information)
     lengths = (lens[observations.camera, 0] * errors)[np.isfinite(errors)]
     # A mean squared length is twice the variance of a coordinate.
     noise = max(float(np.median(lengths)) / np.sqrt(2), LEAST_NOISE) if len(lengths) else USUAL_NOISE
-    found = adjust(observations, _by_themselves(lens, poses), freedom, noise, True, _MONO_STEPS, tolerance=ROUGH)
-    unknowns = 6 * float(problem.shares.sum()) + float(free.sum())
+    state = _by_themselves(lens, poses)
+    found = adjust(observations, state, free, noise, robust=True, most_steps=_MONO_STEPS, tolerance=ROUGH)
+    unknowns = 6 * float(problem.shares.sum()) + float(lens_free.sum())
     seen = max(robust_noise(observations, found.linearised.squares, unknowns), LEAST_NOISE)
     lens_size = len(found.columns)
     gram = found.linearised.gram[:, lens_size : lens_size + 6, lens_size : lens_size + 6] * (noise / seen) ** 2
@@ -266,7 +268,7 @@ def _refined_twins(
     views, here, best = observations.only(chosen), twin, twin
     gram, cost = np.zeros((len(chosen), 6, 6)), np.full(len(chosen), np.inf)
     for step in range(_TWIN_STEPS + 1):
-        found = linearise(views, _by_themselves(alone.lens, here), _NO_LENS, alone.noise, True)
+        found = linearise(views, _by_themselves(alone.lens, here), _NO_LENS, alone.noise, robust=True)
         seen, normal = _chi_squares(views, found.squares, alone.noise), found.gram[:, :6, :6]
         better = seen < cost
         cost[better], gram[better] = seen[better], normal[better]

@@ -39,17 +39,16 @@ class FirstRig:
     rig_from_node: Pose
     reading: Floats
     agrees: Floats
-    relatives: tuple[Relative, ...]
 
 
 def first_rig(problem: Problem, candidates: Candidates, reference: int) -> FirstRig:
     """Poses of all that is connected to the reference camera, in its frame."""
-    relatives = _relatives(problem, candidates)
+    relatives = relative_poses(problem, candidates)
     camera_from_rig, connected = _chain(len(problem.cameras), relatives, reference)
     camera_from_rig = average(camera_from_rig, relatives, reference)
     rig_from_node, choice, agrees = _place_nodes(problem, candidates, camera_from_rig, connected)
     reading = candidates.reading[choice]
-    return FirstRig(camera_from_rig, connected, rig_from_node, reading, agrees, tuple(relatives))
+    return FirstRig(camera_from_rig, connected, rig_from_node, reading, agrees)
 
 
 def _sigmas(candidates: Candidates) -> tuple[Floats, Floats]:
@@ -61,7 +60,7 @@ def _sigmas(candidates: Candidates) -> tuple[Floats, Floats]:
     return rotation, translation
 
 
-def _relatives(problem: Problem, candidates: Candidates) -> list[Relative]:
+def relative_poses(problem: Problem, candidates: Candidates) -> list[Relative]:
     """The relative pose of every two cameras that share a rectangle pose."""
     node, camera = problem.node[candidates.view], problem.camera[candidates.view]
     sigma_rotation, sigma_translation = _sigmas(candidates)

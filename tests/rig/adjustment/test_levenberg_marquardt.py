@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from quadrig.rig.adjustment import schur as elimination
-from quadrig.rig.adjustment.levenberg_marquardt import Freedom, adjust, undamped
+from quadrig.rig.adjustment.levenberg_marquardt import FreeParameters, adjust, undamped
 from quadrig.rig.adjustment.normal_equations import State, layout, linearise, normal_equations
 from quadrig.rig.adjustment.schur import (
     dense_matrix,
@@ -64,11 +64,11 @@ def test_gradients_are_those_of_differences(small, robust):
     observations, truth = small
     rng = np.random.default_rng(0)
     state = shaken(truth, rng)
-    gram = linearise(observations, state, EVERY_LENS, 0.4, robust).gram
+    gram = linearise(observations, state, EVERY_LENS, 0.4, robust=robust).gram
     normal = normal_equations(observations, layout(observations), state, gram)
 
     def cost(lens, cameras, nodes):
-        return linearise(observations, state.moved(lens, cameras, nodes), EVERY_LENS, 0.4, robust).cost
+        return linearise(observations, state.moved(lens, cameras, nodes), EVERY_LENS, 0.4, robust=robust).cost
 
     for _ in range(6):
         lens = rng.normal(size=state.lens.shape) * [1, 1, 1, 1e-3, 1e-3, 1e-3, 1e-3, 1e-3, 1e-3]
@@ -87,9 +87,9 @@ def test_the_quadratic_model_is_the_cost_nearby(small):
     """At the truth of exact pixels the residuals vanish: there the Gauss-Newton matrix is the whole curvature."""
     observations, truth = small
     rng = np.random.default_rng(1)
-    gram = linearise(observations, truth, EVERY_LENS, 1.0, False).gram
+    gram = linearise(observations, truth, EVERY_LENS, 1.0).gram
     normal = normal_equations(observations, layout(observations), truth, gram)
-    here = linearise(observations, truth, EVERY_LENS, 1.0, False).cost
+    here = linearise(observations, truth, EVERY_LENS, 1.0).cost
     lens, cameras = 1e-5 * rng.normal(size=truth.lens.shape), 1e-5 * rng.normal(size=(len(truth.lens), 6))
     nodes = 1e-5 * rng.normal(size=(observations.nodes, 6))
     step = np.concatenate([lens, cameras], axis=1)
@@ -97,7 +97,7 @@ def test_the_quadratic_model_is_the_cost_nearby(small):
     every = np.concatenate([step.ravel(), nodes.ravel()])
     expected = here - 2 * gradient @ every + every @ matrix @ every
     # What the model leaves out is residual times curvature: a per cent of the quadratic part, where noise is 0.3 px.
-    found = linearise(observations, truth.moved(lens, cameras, nodes), EVERY_LENS, 1.0, False).cost
+    found = linearise(observations, truth.moved(lens, cameras, nodes), EVERY_LENS, 1.0).cost
     assert found - here == pytest.approx(expected - here, abs=0.02 * (every @ matrix @ every))
 
 
@@ -124,7 +124,7 @@ def test_the_schur_complement_solves_the_whole_system(small):
     state = shaken(truth, np.random.default_rng(2))
     tables = layout(observations)
     columns = np.array([0, 1, 2, 3])
-    normal = normal_equations(observations, tables, state, linearise(observations, state, columns, 0.3, False).gram)
+    normal = normal_equations(observations, tables, state, linearise(observations, state, columns, 0.3).gram)
     free = np.ones((len(state.lens), 10), bool)
     free[0, 4:] = False  # the first camera's pose holds the frame
     free[1, 3] = False
@@ -157,7 +157,7 @@ def test_a_band_solves_as_the_dense_matrix_does(simulated):
     problem = problem_of(made)
     observations, state = problem.observations(), true_state(made, problem)
     tables, columns = layout(observations), np.array([0, 1, 2, 3, 4])
-    normal = normal_equations(observations, tables, state, linearise(observations, state, columns, 0.3, False).gram)
+    normal = normal_equations(observations, tables, state, linearise(observations, state, columns, 0.3).gram)
     free = np.ones((40, 11), bool)
     free[5, 5:] = False
     reduced = eliminate(normal, tables, free, np.ones(observations.nodes, bool), damping=1e-3)
@@ -177,17 +177,17 @@ def open_freedom(observations, state, slack=None):
     lens[:, :5] = True
     information = np.zeros((cameras, 9))
     information[:, 1:3] = 1 / 20.0**2
-    return Freedom(
+    return FreeParameters(
         lens, np.arange(cameras) > 0, np.ones(observations.nodes, bool), state.lens.copy(), information,
         slack=slack,
     )  # fmt: skip
 
 
-def whole_cost(observations, state, freedom, noise):
-    cost = linearise(observations, state, EVERY_LENS, noise, False).cost
-    cost += (freedom.prior_information * freedom.lens * (state.lens - freedom.prior_mean) ** 2).sum()
+def whole_cost(observations, state, free, noise):
+    cost = linearise(observations, state, EVERY_LENS, noise).cost
+    cost += (free.prior_information * free.lens * (state.lens - free.prior_mean) ** 2).sum()
     if state.slack is not None:
-        held = np.where(freedom.slack.loose[:, None], freedom.slack.information, 0)
+        held = np.where(free.slack.loose[:, None], free.slack.information, 0)
         cost += (held * state.slack**2).sum()
     return cost
 
@@ -199,10 +199,10 @@ def test_where_it_ends_every_direction_leads_up(small, with_slack):
     views = len(observations.camera)
     # The first Views are held to the chain.
     slack = SlackPrior.wide(np.arange(views) >= 3, 0.003) if with_slack else None
-    freedom = open_freedom(observations, truth, slack)
-    found = adjust(observations, shaken(truth, rng), freedom, 0.3, most_steps=60)
+    free = open_freedom(observations, truth, slack)
+    found = adjust(observations, shaken(truth, rng), free, 0.3, most_steps=60)
     state = found.state
-    assert found.costs[-1] == pytest.approx(whole_cost(observations, state, freedom, 0.3), rel=1e-9)
+    assert found.costs[-1] == pytest.approx(whole_cost(observations, state, free, 0.3), rel=1e-9)
     assert all(later <= earlier * (1 + 1e-12) for earlier, later in zip(found.costs, found.costs[1:], strict=False))
     if slack is not None:
         assert state.slack is not None
@@ -210,8 +210,8 @@ def test_where_it_ends_every_direction_leads_up(small, with_slack):
         assert np.abs(state.slack[3:]).max() > 0
     here = found.costs[-1]
     for _ in range(8):
-        lens = rng.normal(size=state.lens.shape) * freedom.lens * [0.05, 0.05, 0.05, 1e-4, 1e-4, 0, 0, 0, 0]
-        cameras = 2e-5 * rng.normal(size=(len(lens), 6)) * freedom.pose[:, None]
+        lens = rng.normal(size=state.lens.shape) * free.lens * [0.05, 0.05, 0.05, 1e-4, 1e-4, 0, 0, 0, 0]
+        cameras = 2e-5 * rng.normal(size=(len(lens), 6)) * free.pose[:, None]
         nodes = 2e-5 * rng.normal(size=(observations.nodes, 6))
         stray = np.zeros((views, 6))
         if with_slack:
@@ -221,7 +221,7 @@ def test_where_it_ends_every_direction_leads_up(small, with_slack):
             there = state.moved(sign * lens, sign * cameras, sign * nodes)
             if with_slack:
                 there = State(there.lens, there.camera_from_rig, there.rig_from_rect, state.slack + sign * stray)
-            return whole_cost(observations, there, freedom, 0.3) - here
+            return whole_cost(observations, there, free, 0.3) - here
 
         ahead, behind = at(1), at(-1)
         assert ahead > 0
@@ -232,8 +232,8 @@ def test_where_it_ends_every_direction_leads_up(small, with_slack):
 
 def test_a_start_far_away_ends_at_the_same_minimum(small):
     observations, truth = small
-    freedom = open_freedom(observations, truth)
-    near = adjust(observations, truth, freedom, 0.3)
+    free = open_freedom(observations, truth)
+    near = adjust(observations, truth, free, 0.3)
     held = np.concatenate([np.zeros((1, 6)), np.ones((len(truth.lens) - 1, 6))])
     rng = np.random.default_rng(6)
     start = truth.moved(
@@ -241,17 +241,17 @@ def test_a_start_far_away_ends_at_the_same_minimum(small):
         0.05 * rng.normal(size=held.shape) * held,
         0.05 * rng.normal(size=(observations.nodes, 6)),
     )
-    far = adjust(observations, start, freedom, 0.3)
+    far = adjust(observations, start, free, 0.3)
     assert far.costs[-1] == pytest.approx(near.costs[-1], rel=1e-9)
-    sigma = np.sqrt(np.diagonal(reduced_inverse(undamped(near, freedom)))).reshape(len(truth.lens), -1)
+    sigma = np.sqrt(np.diagonal(reduced_inverse(undamped(near, free)))).reshape(len(truth.lens), -1)
     assert (np.abs(far.state.lens - near.state.lens)[:, :5] < 1e-2 * sigma[:, :5]).all()
 
 
 def test_what_is_not_free_does_not_move(small):
     observations, truth = small
-    freedom = open_freedom(observations, truth)
+    free = open_freedom(observations, truth)
     state = shaken(truth, np.random.default_rng(7))
-    found = adjust(observations, state, freedom, 0.3).state
+    found = adjust(observations, state, free, 0.3).state
     np.testing.assert_array_equal(found.lens[:, 5:], state.lens[:, 5:])
     np.testing.assert_array_equal(found.camera_from_rig[0].rotation, state.camera_from_rig[0].rotation)
     np.testing.assert_array_equal(found.camera_from_rig[0].translation, state.camera_from_rig[0].translation)

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from quadrig.rig.adjustment.slack import SlackPrior, learned, slack_steps, soften, strays
+from quadrig.rig.adjustment.slack import SlackPrior, eliminate_slack, learned, slack_steps, strays
 from quadrig.rig.calibration import calibrate
 from quadrig.single.lens import project
 from quadrig.single.pose import Pose
@@ -28,19 +28,19 @@ def test_eliminated_slack_is_the_slack_of_the_whole_system():
     whole = np.block([[gram[0, :9, :9] + prior, gram[0, :9, pose]], [gram[0, pose, :9], gram[0, pose, pose] + held]])
     right = np.concatenate([gram[0, :9, -1], gram[0, pose, -1] - held @ slack[0]])
     expected = np.linalg.solve(whole, right)
-    softened = soften(gram, slack, information)
-    steps = np.linalg.solve(softened.gram[0, :9, :9] + prior, softened.gram[0, :9, -1])
+    eliminated = eliminate_slack(gram, slack, information)
+    steps = np.linalg.solve(eliminated.gram[0, :9, :9] + prior, eliminated.gram[0, :9, -1])
     np.testing.assert_allclose(steps, expected[:9], atol=1e-10)
-    np.testing.assert_allclose(slack_steps(softened, steps[None])[0], expected[9:], atol=1e-10)
+    np.testing.assert_allclose(slack_steps(eliminated, steps[None])[0], expected[9:], atol=1e-10)
 
 
 def test_infinite_information_leaves_a_view_as_it_is():
     gram = random_grams(np.random.default_rng(1))
     information = np.full((5, 6), 10.0)
     information[2] = np.inf
-    softened = soften(gram, np.zeros((5, 6)), information)
-    np.testing.assert_array_equal(softened.gram[2], gram[2])
-    np.testing.assert_array_equal(slack_steps(softened, np.ones((5, 9)))[2], 0)
+    eliminated = eliminate_slack(gram, np.zeros((5, 6)), information)
+    np.testing.assert_array_equal(eliminated.gram[2], gram[2])
+    np.testing.assert_array_equal(slack_steps(eliminated, np.ones((5, 9)))[2], 0)
     loose = np.isfinite(information).all(axis=1)
     prior = learned(np.zeros((5, 6)), np.ones((5, 6)), SlackPrior.wide(loose, 0.3))
     assert np.isinf(prior.information[2]).all()

@@ -8,7 +8,7 @@ import pytest
 from quadrig.rig.adjustment.levenberg_marquardt import adjust
 from quadrig.rig.adjustment.normal_equations import linearise
 from quadrig.rig.calibration import calibrate
-from quadrig.rig.joint.cross_validation import leave_out
+from quadrig.rig.joint.cross_validation import cross_validate
 from quadrig.rig.joint.stages import solve_jointly
 from quadrig.rig.problem.build import build_problem
 from quadrig.rig.start.lenses_and_poses import start
@@ -44,21 +44,21 @@ def folds(problem, count=5):
 def refitted_squares(problem, joint):
     """Squared residuals (V,) px^2 of each View, for cameras fitted anew without its fold and a rectangle pose fitted
     to those cameras."""
-    observations, freedom, state = joint.observations, joint.freedom, joint.adjustment.state
+    observations, free, state = joint.observations, joint.free, joint.adjustment.state
     fold, result = folds(problem)[observations.node], np.zeros(len(problem.views))
     for number in range(5):
         out = fold == number
         kept = [np.where(out[g.view][:, None], 0.0, g.weights) for g in observations.groups]
-        cameras = adjust(observations.with_weights(kept), state, freedom, joint.noise).state
+        cameras = adjust(observations.with_weights(kept), state, free, joint.noise).state
         held = replace(
-            freedom,
-            lens=np.zeros_like(freedom.lens),
-            pose=np.zeros_like(freedom.pose),
-            node=np.ones_like(freedom.node),
+            free,
+            lens=np.zeros_like(free.lens),
+            pose=np.zeros_like(free.pose),
+            node=np.ones_like(free.node),
         )
         left = [np.where(out[g.view][:, None], g.weights, 0.0) for g in observations.groups]
         placed = adjust(observations.with_weights(left), cameras, held, joint.noise)
-        squares = linearise(observations, placed.state, np.zeros(0, int), 1.0, False).squares
+        squares = linearise(observations, placed.state, np.zeros(0, int), 1.0).squares
         for group, square in zip(observations.groups, squares, strict=True):
             sums = np.where(group.weights > 0, square, 0.0).sum(axis=1)
             result[group.view] = np.where(out[group.view], sums, result[group.view])
@@ -69,7 +69,7 @@ def refitted_squares(problem, joint):
 def test_one_step_says_what_real_refits_say(simulated, board):
     made = simulated.simulate(41, simulated.Scene(cameras=3, framesets=30, board=board, distortion=board))
     problem, joint = jointly(made)
-    quick, real = leave_out(problem, joint).squares, refitted_squares(problem, joint)
+    quick, real = cross_validate(problem, joint).squares, refitted_squares(problem, joint)
     assert np.isfinite(quick).all()
     # Equal to second order: the fits with and without a fold are some tenths of a sigma apart.
     assert np.sqrt(quick.sum() / real.sum()) == pytest.approx(1, abs=0.004 if board else 0.01)
@@ -111,7 +111,7 @@ def test_the_folds_of_clean_rigs_disagree_as_noise_explains(simulated):
     found = []
     for seed in range(12):
         scene = simulated.usual_scene(np.random.default_rng(seed), board=seed % 3 < 2, distortion=seed % 3 == 0)
-        found.append(leave_out(*jointly(simulated.simulate(seed, scene))))
+        found.append(cross_validate(*jointly(simulated.simulate(seed, scene))))
     assert np.mean([one.dispersion for one in found]) == pytest.approx(1, abs=4 * 0.15 / np.sqrt(len(found)))
     assert all(one.widening == 1 for one in found)
 

@@ -9,7 +9,7 @@ from quadrig.rig.adjustment.motion import motion
 from quadrig.rig.calibration import calibrate
 from quadrig.rig.problem.build import build_problem
 from quadrig.rig.problem.camera_input import CameraInput
-from quadrig.rig.start.clock_offsets import in_step
+from quadrig.rig.start.clock_offsets import regroup
 from quadrig.single.lens import Intrinsics
 from quadrig.single.marking import board_points
 from quadrig.single.pose import Pose
@@ -150,7 +150,7 @@ def test_motion_is_not_guessed_over_gaps():
 def test_only_differences_of_clocks_count():
     """What all clocks have in common moves no View, loses none, and is held by one of the cameras."""
     problem = build_problem(INPUTS, [BOARD], taken(OFFSETS)[1])
-    grouped = [in_step(problem, OFFSETS + common, NOISE) for common in (0.0, 0.3)]
+    grouped = [regroup(problem, OFFSETS + common, NOISE) for common in (0.0, 0.3)]
     framesets = [{(v.camera, v.time): v.frameset for v in each.views} for each in grouped if each is not None]
     assert framesets[0] == framesets[1]
     assert len(framesets[0]) > 0.98 * len(problem.views)

@@ -1,0 +1,110 @@
+"""The joint adjustment in the frame that was asked for, of framesets that are grouped by the clocks it finds."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from quadrig.rig.joint.stages import Contradicted, Joint, solve_jointly
+from quadrig.rig.problem.build import Problem, build_problem
+from quadrig.rig.start.clock_offsets import RegroupedViews, path_offsets, regroup
+from quadrig.rig.start.lenses_and_poses import Start, start
+from quadrig.rig.start.pose_graph import FirstRig, first_rig
+from quadrig.single.arrays import Floats
+from quadrig.single.errors import QuadrigError
+
+# Framesets grouped by clocks that were off by more than this (s) are grouped again: a hand moves a quarter of a mm.
+_SAME_CLOCK = 0.5e-3
+_ROUNDS_OF_CLOCKS = 6
+# Noise of the joint fit over that of the cameras by themselves, up to which nobody is out of step.
+_AGREE = 1.1
+
+
+@dataclass(frozen=True, eq=False)
+class Solved:
+    """A problem, its joint adjustment, and the first rig that this started from."""
+
+    problem: Problem
+    joint: Joint
+    first: FirstRig
+
+
+def solve_with_clocks(problem: Problem, reference: str) -> Solved | Contradicted:
+    """The joint adjustment in the frame of that name; where clocks disagree, of framesets grouped anew by the clocks
+    that each round finds. Raises QuadrigError where no camera saw the reference."""
+    given, regrouped = problem, None
+    rounds: list[Solved] = []
+    for _ in range(_ROUNDS_OF_CLOCKS):
+        begin = start(problem)
+        offsets = None if regrouped is None else regrouped.offsets
+        first, joint = _one_round(problem, begin, reference, offsets)
+        if isinstance(joint, Contradicted):
+            if rounds:
+                break
+            if regrouped is not None:
+                return joint
+            found = None
+        else:
+            rounds.append(Solved(problem, joint, first))
+            found = joint.adjustment.state.offsets
+            if _settled(offsets, found, joint.noise, begin.noise):
+                break
+        found = path_offsets(problem, _positions(begin)) if found is None else found
+        again: RegroupedViews | None = regroup(given, found, begin.noise) or regrouped
+        if again is None:
+            if isinstance(joint, Contradicted):
+                return joint
+            break
+        regrouped = replace(again, offsets=found)
+        problem = build_problem(problem.cameras, list(problem.rectangles.values()), regrouped.views)
+    # The better Views are grouped, the less noise is left, and no slack.
+    return min(rounds, key=lambda one: (one.joint.adjustment.state.slack is not None, one.joint.noise))
+
+
+def _one_round(
+    problem: Problem, begin: Start, reference: str, offsets: Floats | None
+) -> tuple[FirstRig, Joint | Contradicted]:
+    anchor, node = _anchor(problem, reference)
+    first = first_rig(problem, begin.candidates, anchor)
+    if node is not None:
+        first = _in_node_frame(first, node)
+    standing = np.arange(len(problem.cameras)) == (anchor if node is None else -1)
+    return first, solve_jointly(problem, begin, first, standing, fixed_node=node, offsets=offsets)
+
+
+def _settled(before: Floats | None, after: Floats | None, noise: float, alone: float) -> bool:
+    """Whether the clocks of the next round would be those of this one. noise, alone: px, of the joint fit and of each
+    camera by itself."""
+    if before is None or after is None:
+        return before is None and after is None and noise < _AGREE * alone
+    return float(np.ptp(after - before)) < _SAME_CLOCK
+
+
+def _positions(begin: Start) -> Floats:
+    """The position of each View's rectangle in its camera (V, 3), m, by its likeliest candidate."""
+    candidates = begin.candidates
+    return candidates.camera_from_node.translation[np.unique(candidates.view, return_index=True)[1]]
+
+
+def _anchor(problem: Problem, reference: str) -> tuple[int, int | None]:
+    """The camera that the first rig starts from, and the node whose frame is the rig frame, if it is one's."""
+    for index, camera in enumerate(problem.cameras):
+        if camera.name == reference:
+            return index, None
+    rectangle = problem.rectangles[reference]
+    key = ("", -1) if rectangle.world_from_rect is not None else (reference, -1)
+    for index, node in enumerate(problem.nodes):
+        if (node.rectangle, node.frameset) == key:
+            return int(problem.camera[problem.node == index][0]), index
+    raise QuadrigError(
+        f"reference {reference!r} was seen by no camera of the rig; show it, or take another reference"
+    )
+
+
+def _in_node_frame(first: FirstRig, node: int) -> FirstRig:
+    rig_from_node = first.rig_from_node[node]
+    node_from_rig = rig_from_node.inverse()
+    return replace(
+        first,
+        camera_from_rig=first.camera_from_rig @ rig_from_node,
+        rig_from_node=node_from_rig @ first.rig_from_node,
+    )

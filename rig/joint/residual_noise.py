@@ -1,0 +1,33 @@
+"""What a fit leaves over and how many degrees of freedom that has: the noise follows from both."""
+
+import numpy as np
+
+from quadrig.rig.adjustment.levenberg_marquardt import Adjustment, FreeParameters
+from quadrig.rig.problem.observations import Observations
+from quadrig.single.arrays import Floats, Mask
+
+
+def shown_nodes(used: Observations) -> Mask:
+    """Which rectangle poses (N,) a View that carries weight shows."""
+    shown = np.zeros(used.nodes, bool)
+    for group in used.groups:
+        shown[group.node[(group.weights > 0).any(axis=1)]] = True
+    return shown
+
+
+def residual_sum(
+    adjustment: Adjustment, used: Observations, free: FreeParameters, noise: float, covariance: Floats
+) -> tuple[float, float]:
+    """Sum of the weighted squared residuals (px^2) of a fit made with that noise, and its degrees of freedom, where
+    parameters that a prior holds count for less than one. covariance (C M, C M): of the cameras, for that noise."""
+    chi_square = adjustment.linearised.cost * noise**2
+    unknowns = 6.0 * int((shown_nodes(used) & free.node).sum()) + 6 * int(free.pose.sum())
+    cameras = len(adjustment.state.lens)
+    variance = np.diagonal(covariance).reshape(cameras, -1)[:, : len(adjustment.columns)]
+    held = (free.prior_information * free.lens)[:, adjustment.columns] * variance
+    unknowns += float(free.lens.sum() - held.sum())
+    if adjustment.eliminated is not None and free.slack is not None:
+        loose = free.slack.loose
+        held = free.slack.information[loose] * np.einsum("vii->vi", adjustment.eliminated.inverse)[loose]
+        unknowns += float((1 - held).sum())
+    return chi_square, 2 * used.count - unknowns
