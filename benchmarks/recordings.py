@@ -163,6 +163,7 @@ def search(path: Path) -> None:
     from quadrig.io.recording.recorded_cameras import open_recording
     from quadrig.io.search.choose_frames import choose_frames
     from quadrig.io.search.detections import find_detections
+    from quadrig.io.search.effort import Effort
 
     scene = demo_scene(FRAMESETS)
     began = time.perf_counter()
@@ -179,17 +180,14 @@ def search(path: Path) -> None:
     theirs = {(blocks[k][1], blocks[k][2] + n): one for k, part in found.items() for n, one in enumerate(part)}
     print(f"plain loop, two processes: {plain:.1f} s")
     with tempfile.TemporaryDirectory() as folder:
-        cache = Path(folder) / "detections.mcap"
-        every = _timed(
-            "every image", plain, lambda: find_detections(opened, framesets, scene.rectangles, workers=2, cache=cache)
-        )
-        _timed(
-            "again, kept", plain, lambda: find_detections(opened, framesets, scene.rectangles, workers=2, cache=cache)
-        )
+        keeping = Effort(workers=2, cache=Path(folder) / "detections.mcap")
+        every = _timed("every image", plain, lambda: find_detections(opened, framesets, scene.rectangles, keeping))
+        _timed("again, kept", plain, lambda: find_detections(opened, framesets, scene.rectangles, keeping))
     compare_corners(theirs, every.views)
-    chosen = _timed("choice", plain, lambda: choose_frames(opened, framesets, 0.1, workers=2))
+    tenth = Effort(share=0.1, workers=2)
+    chosen = _timed("choice", plain, lambda: choose_frames(opened, framesets, tenth))
     _timed("choice and search", plain, lambda: find_detections(
-        opened, choose_frames(opened, framesets, 0.1, workers=2), scene.rectangles, workers=2))  # fmt: skip
+        opened, choose_frames(opened, framesets, tenth), scene.rectangles, tenth))  # fmt: skip
     whole = None
     kept = set(np.flatnonzero(chosen.sizes() > 0).tolist())
     for name, numbers in {
@@ -244,6 +242,7 @@ def large(path: Path) -> None:
     from quadrig.io.recording.recorded_cameras import open_recording
     from quadrig.io.search.choose_frames import choose_frames
     from quadrig.io.search.detections import find_detections
+    from quadrig.io.search.effort import Effort
 
     times = -(-4 * 2**30 // path.stat().st_size)
     opened = open_recording([path])
@@ -273,12 +272,14 @@ def large(path: Path) -> None:
         framesets = build_framesets(big)
         print(f"open and framesets: {time.perf_counter() - began:.2f} s, {len(framesets)} framesets")
         began = time.perf_counter()
-        chosen = choose_frames(big, framesets, 0.1, workers=2)
+        chosen = choose_frames(big, framesets, Effort(share=0.1, workers=2))
         print(f"choice: {time.perf_counter() - began:.1f} s; most memory so far, all processes: {most[0]:.2f} GiB")
         began = time.perf_counter()
         frames = chosen.frames.copy()
         frames[int(0.2 * len(frames)) :] = NO_FRAME
-        found = find_detections(big, replace(chosen, frames=frames), demo_scene(FRAMESETS).rectangles, workers=2)
+        found = find_detections(
+            big, replace(chosen, frames=frames), demo_scene(FRAMESETS).rectangles, Effort(workers=2)
+        )
         done.set()
         print(
             f"search of {found.searched} images: {time.perf_counter() - began:.1f} s; most memory, all processes: "

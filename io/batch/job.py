@@ -1,15 +1,14 @@
 """One recording of a fleet calibrated in a process of its own: from files to a file, and one line of words."""
 
 from dataclasses import dataclass
-from pathlib import Path
 
 from quadrig.io.batch.fleet import Job
-from quadrig.io.config.rig_toml import RigConfig, parse_config
+from quadrig.io.config.rig_toml import parse_config
 from quadrig.io.report.table import millimetres
 from quadrig.io.rig_file.rig_mcap import write_rig
 from quadrig.io.search.detection_file import detections_beside
-from quadrig.io.search.whole_recording import Effort, refuse_missing, search_recording
-from quadrig.rig.calibration import calibrate
+from quadrig.io.search.effort import Effort
+from quadrig.io.search.whole_recording import calibrate_searched, refuse_missing, search_recording
 
 
 @dataclass(frozen=True)
@@ -28,12 +27,12 @@ class CalibrateJob:
 
     def __call__(self, job: Job) -> str:
         """Calibrates one recording and writes its rig. Raises QuadrigError as `rig calibrate` does."""
-        config: RigConfig = parse_config(self.config_text)
+        config = parse_config(self.config_text)
         # Every process has one recording: it searches by itself and shows no bar of its own.
         cache = detections_beside(job.output) if self.keep else None
         effort = Effort(self.tolerance, self.share, workers=1, cache=cache, progress=False)
-        searched = search_recording([Path(path) for path in job.recording], config, effort)
-        rig = calibrate(searched.cameras, config.rectangles, searched.views, config.reference)
+        searched = search_recording(job.recording, config, effort)
+        rig = calibrate_searched(searched)
         if self.all_cameras:
             refuse_missing(rig)
         write_rig(job.output, rig, self.config_text, searched.times)

@@ -11,12 +11,12 @@ from typing import Annotated
 import typer
 
 from quadrig.io.batch.job import CalibrateJob
-from quadrig.io.config.rig_toml import RigConfig, read_config
+from quadrig.io.config.rig_toml import read_config
 from quadrig.io.rig_file.rig_mcap import read_rig, write_rig
 from quadrig.io.search.detection_file import detections_beside
-from quadrig.io.search.whole_recording import Effort, Searched, refuse_missing, search_recording
+from quadrig.io.search.effort import Effort
+from quadrig.io.search.whole_recording import Searched, calibrate_searched, refuse_missing, search_recording
 from quadrig.io.whole_file import refuse_no_place
-from quadrig.rig.calibration import calibrate as calibrate_views
 from quadrig.rig.result import Rig
 from quadrig.single.errors import QuadrigError
 
@@ -78,12 +78,11 @@ def calibrate(
     if not no_cache:
         cache = cache or detections_beside(output)
     earlier = read_rig(before) if before is not None else None
-    effort = Effort(tolerance, share, workers, cache)
-    searched = search_recording(recording, described, effort)
+    searched = search_recording(recording, described, Effort(tolerance, share, workers, cache))
     for note in searched.notes:
         print(f"note: {note}", file=sys.stderr)
     try:
-        rig = _solve(searched, described, only or [], earlier)
+        rig = _solve(searched, only or [], earlier)
     except KeyboardInterrupt:
         if not no_cache:
             print(f"stopped: what was found is kept in {cache}; the same command goes on from there", file=sys.stderr)
@@ -96,12 +95,12 @@ def calibrate(
     _show(rig, output, as_json)
 
 
-def _solve(searched: Searched, config: RigConfig, only: list[str], earlier: Rig | None) -> Rig:
+def _solve(searched: Searched, only: list[str], earlier: Rig | None) -> Rig:
     if earlier is None:
-        return calibrate_views(searched.cameras, config.rectangles, searched.views, config.reference)
+        return calibrate_searched(searched)
     from quadrig.rig.recalibration import recalibrate
 
-    rig = recalibrate(earlier, only, searched.cameras, config.rectangles, searched.views)
+    rig = recalibrate(earlier, only, searched.cameras, searched.config.rectangles, searched.views)
     # A camera of the earlier rig that this recording does not hold stays as it was: nothing is missing.
     held = {camera.name for camera in earlier.cameras}
     return replace(rig, missing={name: why for name, why in rig.missing.items() if name not in held})

@@ -22,8 +22,8 @@ from quadrig.io.demo.rendered_recording import (
 from quadrig.io.demo.scene import Scene, demo_scene
 from quadrig.io.report.table import console, millimetres, print_rig, with_sigma
 from quadrig.io.rig_file.rig_mcap import read_rig_file, write_rig
-from quadrig.io.search.whole_recording import Effort, refuse_missing, search_recording
-from quadrig.rig.calibration import calibrate
+from quadrig.io.search.effort import Effort
+from quadrig.io.search.whole_recording import calibrate_searched, refuse_missing, search_recording
 from quadrig.rig.result import Rig
 from quadrig.single.errors import QuadrigError
 
@@ -61,7 +61,7 @@ def demo(
 def _calibrate(recording: Path, described: Path, result: Path, workers: int | None) -> Rig:
     config = read_config(described)
     searched = search_recording([recording], config, Effort(workers=workers))
-    rig = calibrate(searched.cameras, config.rectangles, searched.views, config.reference)
+    rig = calibrate_searched(searched)
     refuse_missing(rig)
     write_rig(result, rig, config.text, searched.times)
     return rig

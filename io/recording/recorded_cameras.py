@@ -84,16 +84,19 @@ class Recording:
         return image
 
 
-def open_recording(paths: Sequence[Path], topics: Mapping[str, str | None] | None = None) -> Recording:
+def open_recording(
+    paths: Sequence[Path | str] | Path | str, topics: Mapping[str, str | None] | None = None
+) -> Recording:
     """Open MCAP files (parts of one recording), videos and folders of images as one recording.
 
     topics: the cameras wanted, by name, each with its topic (or the path of its video or folder), or None where the
     name says it; without any, every image topic, video and folder is a camera.
     Raises QuadrigError where a path cannot be read, a wanted camera is missing or nothing is a camera.
     """
-    if not paths:
+    given = [Path(path) for path in ([paths] if isinstance(paths, str | Path) else paths)]
+    if not given:
         raise QuadrigError("no recording given; name an MCAP file, videos or folders of images")
-    parts = [part for given in paths for part in _expand(Path(given))]
+    parts = [part for path in given for part in _expand(path)]
     files = [part for part in parts if part.is_dir() or part.suffix.lower() in VIDEO_SUFFIXES]
     cameras = [_camera_of_files(path) for path in files]
     notes: list[str] = []
@@ -102,10 +105,10 @@ def open_recording(paths: Sequence[Path], topics: Mapping[str, str | None] | Non
         if index.note:
             notes.append(f"{index.path}: {index.note}; what is whole is used")
     found, others = _cameras_of_mcaps(indexes, topics or {}, notes)
-    chosen = _choose([*found, *cameras], topics or {}, paths, notes)
+    chosen = _choose([*found, *cameras], topics or {}, given, notes)
     indexed = all(index.indexed for index in indexes)
     files += [index.path for index in indexes if any(holds_images(one.encoding, one.schema) for one in index.topics)]
-    return Recording(tuple(map(Path, paths)), tuple(files), tuple(chosen), tuple(notes), indexed, others)
+    return Recording(tuple(given), tuple(files), tuple(chosen), tuple(notes), indexed, others)
 
 
 def is_result(path: Path) -> bool:

@@ -1,6 +1,5 @@
 """A quick look at every image of a recording, small, to choose which are worth searching."""
 
-from concurrent.futures import Executor
 from contextlib import closing
 from dataclasses import dataclass, replace
 
@@ -11,6 +10,7 @@ from quadrig.io.progress import progress_bar
 from quadrig.io.recording.framesets import NO_FRAME, Framesets
 from quadrig.io.recording.image_source import ImageSource
 from quadrig.io.recording.recorded_cameras import Recording
+from quadrig.io.search.effort import EVERY_IMAGE, Effort
 from quadrig.io.workers import run_tasks
 from quadrig.rig.coach.select_frames import Looks, choose_framesets
 from quadrig.single.arrays import Floats
@@ -31,33 +31,22 @@ class _Batch:
     source: ImageSource
 
 
-def choose_frames(
-    recording: Recording,
-    framesets: Framesets,
-    share: float = 0.1,
-    progress: bool = True,
-    workers: int | None = None,
-    executor: Executor | None = None,
-) -> Framesets:
-    """The same framesets, but only the images of a chosen share of them: what find_views then searches.
+def choose_frames(recording: Recording, framesets: Framesets, effort: Effort) -> Framesets:
+    """The same framesets, but only the images of the chosen share of them: what find_views then searches.
 
     Indices of framesets stay as they are; a frameset that was not chosen has no images.
     """
-    step = 2 if share <= _SMALL_SHARE and len(framesets) >= _MANY else 1
+    if effort.share >= 1:
+        return framesets
+    step = 2 if effort.share <= _SMALL_SHARE and len(framesets) >= _MANY else 1
     some = replace(framesets, times=framesets.times[::step], frames=framesets.frames[::step])
-    chosen = step * choose_framesets(look_at(recording, some, progress, workers, executor), step * share)
+    chosen = step * choose_framesets(look_at(recording, some, effort), step * effort.share)
     frames = np.full_like(framesets.frames, NO_FRAME)
     frames[chosen] = framesets.frames[chosen]
     return replace(framesets, frames=frames)
 
 
-def look_at(
-    recording: Recording,
-    framesets: Framesets,
-    progress: bool = True,
-    workers: int | None = None,
-    executor: Executor | None = None,
-) -> Looks:
+def look_at(recording: Recording, framesets: Framesets, effort: Effort = EVERY_IMAGE) -> Looks:
     """Thumbnails and sharpness of all images of the framesets."""
     shape = framesets.frames.shape
     thumbnails = np.full((*shape, _SIZE[1], _SIZE[0]), np.nan, np.float32)
@@ -71,8 +60,8 @@ def look_at(
             places.append(sets[np.searchsorted(images, part)])
     total = sum(len(batch.images) for batch in batches)
     with (
-        closing(run_tasks(_look, batches, workers, executor)) as results,
-        progress_bar("look", total, "images", quiet=not progress) as advance,
+        closing(run_tasks(_look, batches, effort.workers, effort.executor)) as results,
+        progress_bar("look", total, "images", quiet=not effort.progress) as advance,
     ):
         for index, (small, sharp) in results:
             thumbnails[places[index], batches[index].camera] = small

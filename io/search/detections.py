@@ -2,10 +2,8 @@
 
 import sys
 from collections.abc import Sequence
-from concurrent.futures import Executor
 from contextlib import ExitStack, closing
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 
@@ -14,6 +12,7 @@ from quadrig.io.recording.framesets import Framesets
 from quadrig.io.recording.image_source import ImageSource
 from quadrig.io.recording.recorded_cameras import Recording
 from quadrig.io.search.detection_file import Found, camera_key, keep_detections, read_detections
+from quadrig.io.search.effort import EVERY_IMAGE, Effort
 from quadrig.io.workers import run_tasks
 from quadrig.single.arrays import Floats
 from quadrig.single.detect.image_search import detect_views
@@ -49,41 +48,28 @@ class _Batch:
 
 
 def find_views(
-    recording: Recording,
-    framesets: Framesets,
-    rectangles: Sequence[Rectangle],
-    progress: bool = True,
-    workers: int | None = None,
-    cache: Path | None = None,
-    executor: Executor | None = None,
+    recording: Recording, framesets: Framesets, rectangles: Sequence[Rectangle], effort: Effort = EVERY_IMAGE
 ) -> list[View]:
     """The Views of `find_detections`, in the order of framesets, cameras and detection."""
-    return find_detections(recording, framesets, rectangles, progress, workers, cache, executor).views
+    return find_detections(recording, framesets, rectangles, effort).views
 
 
 def find_detections(
-    recording: Recording,
-    framesets: Framesets,
-    rectangles: Sequence[Rectangle],
-    progress: bool = True,
-    workers: int | None = None,
-    cache: Path | None = None,
-    executor: Executor | None = None,
+    recording: Recording, framesets: Framesets, rectangles: Sequence[Rectangle], effort: Effort = EVERY_IMAGE
 ) -> Detections:
     """Search the images of the framesets for the rectangles.
 
-    cache: an MCAP that keeps what is found: images that it has are not searched again. executor: runs the tasks
-    instead of a process pool of `workers`. Ctrl-C ends the workers, keeps what was found, and says so.
-    Where nothing at all is found, nothing is kept. Raises QuadrigError where the cache cannot be written or workers
-    keep dying.
+    Ctrl-C ends the workers, keeps in effort.cache what was found, and says so. Where nothing at all is found, nothing
+    is kept. Raises QuadrigError where the cache cannot be written or workers keep dying.
     """
+    cache = effort.cache
     keys = {camera.name: camera_key(recording, camera, rectangles) for camera in recording.cameras}
     found = read_detections(cache, keys) if cache is not None else {}
     batches = _batches(recording, framesets, tuple(rectangles), found)
     searched = sum(len(batch.images) for batch in batches)
     reused = sum(len(framesets.of_camera(camera.name)[1]) for camera in recording.cameras) - searched
     if batches:
-        _search(recording, batches, found, keys, progress, workers, cache, executor)
+        _search(recording, batches, found, keys, effort)
         if cache is not None and not any(found.values()):
             cache.unlink()
     return Detections(_in_order(recording, framesets, found), searched, reused, _unreadable(framesets, found))
@@ -127,23 +113,17 @@ def _batches(
 
 
 def _search(
-    recording: Recording,
-    batches: Sequence[_Batch],
-    found: Found,
-    keys: dict[str, str],
-    progress: bool,
-    workers: int | None,
-    cache: Path | None,
-    executor: Executor | None,
+    recording: Recording, batches: Sequence[_Batch], found: Found, keys: dict[str, str], effort: Effort
 ) -> None:
     """Fill `found`, and the cache as it grows."""
+    cache = effort.cache
     stamps = {camera.name: camera.stamps for camera in recording.cameras}
     total, done = sum(len(batch.images) for batch in batches), 0
     try:
         with ExitStack() as stack:
             writer = stack.enter_context(keep_detections(cache, keys, found, stamps)) if cache else None
-            results = stack.enter_context(closing(run_tasks(_search_batch, batches, workers, executor)))
-            advance = stack.enter_context(progress_bar("detect", total, "images", quiet=not progress))
+            results = stack.enter_context(closing(run_tasks(_search_batch, batches, effort.workers, effort.executor)))
+            advance = stack.enter_context(progress_bar("detect", total, "images", quiet=not effort.progress))
             for index, result in results:
                 batch = batches[index]
                 for image, views in zip(batch.images.tolist(), result, strict=True):

@@ -1,7 +1,6 @@
-"""The whole walk: recording -> framesets -> Views -> Rig. `rig calibrate` and `rig demo` both go this way."""
+"""The whole walk: recording -> framesets -> Views -> Rig. All that calibrates a recording goes this way."""
 
 from collections.abc import Sequence
-from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -10,32 +9,19 @@ from quadrig.io.recording.framesets import Framesets, build_framesets
 from quadrig.io.recording.recorded_cameras import Recording, open_recording
 from quadrig.io.search.choose_frames import choose_frames
 from quadrig.io.search.detections import Detections, find_detections
+from quadrig.io.search.effort import EVERY_IMAGE, Effort
+from quadrig.rig.calibration import calibrate
 from quadrig.rig.problem.camera_input import CameraInput
 from quadrig.rig.result import Rig
 from quadrig.single.errors import QuadrigError
 from quadrig.single.view import View
 
 
-@dataclass(frozen=True)
-class Effort:
-    """How a recording is searched.
-
-    tolerance: s, the most that stamps of one instant differ; None as build_framesets has it. share: of the
-    framesets that are searched, chosen by a quick look at all; 1 searches all. workers: processes; None as many as
-    there are processors. cache: an MCAP that keeps what was found. progress: bars on stderr.
-    """
-
-    tolerance: float | None = None
-    share: float = 1.0
-    workers: int | None = None
-    cache: Path | None = None
-    progress: bool = True
-
-
 @dataclass(frozen=True, eq=False)
 class Searched:
-    """What a recording showed, ready to be calibrated."""
+    """What a recording showed of the rectangles of a rig.toml, ready to be calibrated."""
 
+    config: RigConfig
     recording: Recording
     framesets: Framesets
     detections: Detections
@@ -65,23 +51,36 @@ class Searched:
         ]
 
 
+def calibrate_recording(
+    paths: Sequence[Path | str] | Path | str, config: RigConfig, effort: Effort = EVERY_IMAGE
+) -> Rig:
+    """The rig of the cameras of a recording, from what a rig.toml says of the room.
+
+    paths: MCAP files, videos or folders of images that were recorded together. Cameras that share nothing with the
+    largest rig are left out and named in Rig.missing.
+    Raises QuadrigError where the recording cannot be searched, or no two cameras can be brought into one frame.
+    """
+    return calibrate_searched(search_recording(paths, config, effort))
+
+
 def search_recording(
-    paths: Sequence[Path], config: RigConfig, effort: Effort | None = None, executor: Executor | None = None
+    paths: Sequence[Path | str] | Path | str, config: RigConfig, effort: Effort = EVERY_IMAGE
 ) -> Searched:
     """Open a recording and find the rectangles of a rig.toml in it.
 
     Raises QuadrigError where there are no images, a camera of the rig.toml is missing, or nothing can be read.
     """
-    effort = effort or Effort()
     wanted = {camera.name: camera.topic for camera in config.cameras}
     recording = open_recording(paths, wanted or None)
-    framesets = build_framesets(recording, effort.tolerance)
-    if effort.share < 1:
-        framesets = choose_frames(recording, framesets, effort.share, effort.progress, effort.workers, executor)
-    detections = find_detections(
-        recording, framesets, config.rectangles, effort.progress, effort.workers, effort.cache, executor
-    )
-    return Searched(recording, framesets, detections, tuple(camera_inputs(recording, config)))
+    framesets = choose_frames(recording, build_framesets(recording, effort.tolerance), effort)
+    detections = find_detections(recording, framesets, config.rectangles, effort)
+    return Searched(config, recording, framesets, detections, tuple(camera_inputs(recording, config)))
+
+
+def calibrate_searched(searched: Searched) -> Rig:
+    """The rig that the Views of a recording show. Raises QuadrigError as calibrate does."""
+    config = searched.config
+    return calibrate(searched.cameras, config.rectangles, searched.views, config.reference)
 
 
 def camera_inputs(recording: Recording, config: RigConfig) -> list[CameraInput]:

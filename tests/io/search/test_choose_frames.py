@@ -6,6 +6,7 @@ import numpy as np
 from quadrig.io.recording.framesets import NO_FRAME, build_framesets
 from quadrig.io.recording.recorded_cameras import open_recording
 from quadrig.io.search.choose_frames import choose_frames, look_at
+from quadrig.io.search.effort import Effort
 
 
 def test_still_and_sharp_images_are_chosen(tmp_path):
@@ -27,15 +28,15 @@ def test_still_and_sharp_images_are_chosen(tmp_path):
     (tmp_path / "cam1" / "004.jpg").write_bytes(b"broken")
     recording = open_recording([tmp_path])
     framesets = build_framesets(recording)
-    looks = look_at(recording, framesets, workers=1)
+    looks = look_at(recording, framesets, Effort(workers=1))
     assert looks.thumbnails.shape == (200, 2, 18, 32)
     assert np.argwhere(np.isnan(looks.sharpness)).tolist() == [[4, 1]]
-    chosen = choose_frames(recording, framesets, 0.1, workers=1)
+    chosen = choose_frames(recording, framesets, Effort(share=0.1, workers=1))
     assert len(chosen) == len(framesets)
     kept = np.flatnonzero(np.all(chosen.frames != NO_FRAME, axis=1))
     assert len(kept) == 20
     assert np.array_equal(chosen.frames[kept], framesets.frames[kept])
     assert np.mean(kept % 20 < 10) >= 0.9
     assert len(set(kept // 20)) == 10
-    every = choose_frames(recording, framesets, 1.0, workers=1)
+    every = choose_frames(recording, framesets, Effort(share=1.0, workers=1))
     assert np.array_equal(every.frames, framesets.frames)

@@ -17,6 +17,7 @@ from quadrig.io.recording.framesets import build_framesets
 from quadrig.io.recording.mcap_reader import index_mcap
 from quadrig.io.recording.recorded_cameras import open_recording
 from quadrig.io.search.detections import find_detections, find_views
+from quadrig.io.search.effort import Effort
 from quadrig.io.workers import run_tasks
 from quadrig.single.errors import QuadrigError
 from quadrig.single.marking import TagMarking
@@ -56,7 +57,7 @@ def same(first, second) -> bool:
 def test_views_where_the_tag_was(recording):
     opened = open_recording([recording])
     framesets = build_framesets(opened)
-    found = find_detections(opened, framesets, [TAG], workers=1)
+    found = find_detections(opened, framesets, [TAG], Effort(workers=1))
     seen = {(view.camera, view.frameset): view for view in found.views}
     expected = {(f"cam{c}", k) for c in range(2) for k in range(COUNT) if (k + c) % 5 and (c, k) != (1, 7)}
     assert set(seen) == expected
@@ -71,10 +72,10 @@ def test_views_where_the_tag_was(recording):
 def test_workers_and_the_kept_file_change_nothing(recording, tmp_path):
     opened = open_recording([recording])
     framesets = build_framesets(opened)
-    alone = find_views(opened, framesets, [TAG], workers=1)
+    alone = find_views(opened, framesets, [TAG], Effort(workers=1))
     cache = tmp_path / "rig.detections.mcap"
-    first = find_detections(opened, framesets, [TAG], workers=2, cache=cache)
-    second = find_detections(opened, framesets, [TAG], workers=2, cache=cache)
+    first = find_detections(opened, framesets, [TAG], Effort(workers=2, cache=cache))
+    second = find_detections(opened, framesets, [TAG], Effort(workers=2, cache=cache))
     assert same(alone, first.views)
     assert same(alone, second.views)
     assert (first.searched, first.reused, second.searched, second.reused) == (2 * COUNT, 0, 0, 2 * COUNT)
@@ -88,7 +89,7 @@ def test_kept_file_is_foxglove_annotations(recording, tmp_path):
 
     opened = open_recording([recording])
     cache = tmp_path / "rig.detections.mcap"
-    views = find_views(opened, build_framesets(opened), [TAG], workers=1, cache=cache)
+    views = find_views(opened, build_framesets(opened), [TAG], Effort(workers=1, cache=cache))
     with cache.open("rb") as stream:
         messages = list(make_reader(stream).iter_messages(["/cam0/annotations", "/cam1/annotations"]))
     assert len(messages) == len(views)
@@ -105,11 +106,11 @@ def test_only_what_has_changed_is_searched_again(recording, tmp_path):
     opened = open_recording([recording])
     framesets = build_framesets(opened)
     cache = tmp_path / "rig.detections.mcap"
-    find_views(opened, framesets, [TAG], workers=1, cache=cache)
+    find_views(opened, framesets, [TAG], Effort(workers=1, cache=cache))
     moving = Rectangle("tag", 0.1, 0.1, TagMarking("aruco_4x4_50", 7), moving=True)
-    assert find_detections(opened, framesets, [moving], workers=1, cache=cache).searched == 0
+    assert find_detections(opened, framesets, [moving], Effort(workers=1, cache=cache)).searched == 0
     wider = Rectangle("tag", 0.2, 0.2, TagMarking("aruco_4x4_50", 7))
-    again = find_detections(opened, framesets, [wider], workers=1, cache=cache)
+    again = find_detections(opened, framesets, [wider], Effort(workers=1, cache=cache))
     assert again.searched == 2 * COUNT
     assert again.views[0].points.max() == pytest.approx(0.1)
 
@@ -119,12 +120,12 @@ def test_half_kept_is_half_searched(recording, tmp_path):
     opened = open_recording([recording])
     framesets = build_framesets(opened)
     cache = tmp_path / "rig.detections.mcap"
-    whole = find_views(opened, framesets, [TAG], workers=1, cache=cache)
+    whole = find_views(opened, framesets, [TAG], Effort(workers=1, cache=cache))
     last_chunk = max(topic.chunks.max() for topic in index_mcap(cache).topics)
     data = cache.read_bytes()
     cache.unlink()
     (tmp_path / f".{cache.name}.part").write_bytes(data[: last_chunk + 100])
-    found = find_detections(opened, framesets, [TAG], workers=1, cache=cache)
+    found = find_detections(opened, framesets, [TAG], Effort(workers=1, cache=cache))
     assert 0 < found.searched < 2 * COUNT
     # Where a batch begins, images are searched whole, not near where the image before had the tag.
     assert [(a.camera, a.frameset) for a in found.views] == [(b.camera, b.frameset) for b in whole]
@@ -173,12 +174,13 @@ from pathlib import Path
 from quadrig.io.recording.framesets import build_framesets
 from quadrig.io.recording.recorded_cameras import open_recording
 from quadrig.io.search.detections import find_views
+from quadrig.io.search.effort import Effort
 from quadrig.single.marking import ChessboardMarking
 from quadrig.single.rectangle import Rectangle
 
 opened = open_recording([Path(sys.argv[1])])
 board = Rectangle("board", 0.5, 0.4, ChessboardMarking(10, 8, 0.05))
-found = find_views(opened, build_framesets(opened), [board], workers=2, cache=Path(sys.argv[2]))
+found = find_views(opened, build_framesets(opened), [board], Effort(workers=2, cache=Path(sys.argv[2])))
 print(len(found))
 """
 
