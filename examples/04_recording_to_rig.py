@@ -8,9 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from quadrig.io.config.rig_toml import read_config
-from quadrig.io.search.whole_recording import search_recording
-from quadrig.rig.calibration import calibrate
+from quadrig.io import calibrate_searched, read_config, search_recording
 
 
 def main() -> None:
@@ -19,9 +17,8 @@ def main() -> None:
     parser.add_argument("folder", type=Path, help="with recording.mcap and rig.toml")
     folder = parser.parse_args().folder
 
-    config = read_config(folder / "rig.toml")
-    searched = search_recording([folder / "recording.mcap"], config)
-    rig = calibrate(searched.cameras, config.rectangles, searched.views, config.reference)
+    searched = search_recording(folder / "recording.mcap", read_config(folder / "rig.toml"))
+    rig = calibrate_searched(searched)
     for camera in rig.cameras:
         print(f"{camera.name}: focal {camera.intrinsics.focal:.1f} +- {rig.focal_sigma(camera.name):.1f} px")
 

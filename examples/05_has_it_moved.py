@@ -14,8 +14,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from quadrig.io import write_rig
 from quadrig.io.commands.main import run
-from quadrig.io.rig_file.rig_mcap import write_rig
 from quadrig.rig.result import CAMERA_PARAMETERS, Camera, Rig
 from quadrig.single.lens import Intrinsics
 from quadrig.single.pose import Pose

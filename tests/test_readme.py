@@ -1,6 +1,8 @@
 """What README.md says holds: its rig.toml is read, its commands and files exist, the quick start has two blocks."""
 
+import ast
 import re
+from importlib import import_module
 from pathlib import Path
 
 from quadrig.io.commands.main import COMMANDS
@@ -31,3 +33,11 @@ def test_what_is_linked_exists() -> None:
 def test_the_quick_start_has_two_blocks() -> None:
     section = README.split("## Quick start")[1].split("\n## ")[0]
     assert len(re.findall(r"```sh\n", section)) == 2
+
+
+def test_what_its_python_imports_is_there() -> None:
+    (block,) = re.findall(r"```python\n(.*?)```", README, re.S)
+    for statement in ast.walk(ast.parse(block)):
+        if isinstance(statement, ast.ImportFrom) and statement.module is not None:
+            for alias in statement.names:
+                assert hasattr(import_module(statement.module), alias.name), alias.name

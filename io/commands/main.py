@@ -116,7 +116,3 @@ def _sentence(error: Exception, command: str) -> str:
 
 def _say(sentence: str) -> None:
     print("rig: " + " ".join(sentence.split()), file=sys.stderr)
-
-
-if __name__ == "__main__":
-    main()

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-ROOMS = ["quadrig.single"]
+ROOMS = ["quadrig.single", "quadrig.io"]
 HEAVY = {"numpy", "cv2", "scipy", "networkx", "rerun"}
 
 

@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 import pytest
 
+from quadrig.io import calibrate_recording, read_config, read_rig
 from quadrig.io.commands import main as commands
 from quadrig.single.lens import Intrinsics
 from quadrig.single.marking import TagMarking
@@ -116,6 +117,18 @@ def test_two_cameras_that_share_a_rectangle_become_a_rig(pictures: Path, tmp_pat
     # Six views of one tag tell the baseline to millimetres; its own sigma is the yardstick.
     assert np.linalg.norm(position - true) < 4 * result["cameras"]["right"]["sigma"]["position_m"]
     assert (tmp_path / "rig.mcap").stat().st_size > 1000
+
+
+def test_python_gives_the_rig_that_the_command_writes(pictures: Path, tmp_path: Path) -> None:
+    folders = [pictures / "left", pictures / "right"]
+    assert rig("calibrate", *folders, "-c", pictures / "rig.toml", "-o", tmp_path / "rig.mcap").returncode == 0
+    written, made = read_rig(tmp_path / "rig.mcap"), calibrate_recording(folders, read_config(pictures / "rig.toml"))
+    for one, other in zip(written.cameras, made.cameras, strict=True):
+        assert one.name == other.name
+        # The same pictures and the same solver: nothing but the last digits of another process' sums.
+        np.testing.assert_allclose(
+            one.rig_from_camera.matrix(), other.rig_from_camera.matrix(), rtol=1e-9, atol=1e-12
+        )
 
 
 def test_a_second_run_does_not_search_again(pictures: Path, tmp_path: Path) -> None:

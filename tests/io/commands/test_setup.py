@@ -158,7 +158,7 @@ def test_it_stops_at_the_accuracy_asked_for_and_goes_on_from_there(videos, tmp_p
 
 def started(videos: Path, output: Path, *more: str) -> subprocess.Popen:
     """A session that waits for a stream that never comes, and so goes on after the videos' end."""
-    command = [sys.executable, "-m", "quadrig.io.commands.main", *arguments(videos, output, *more)]
+    command = [sys.executable, "-m", "quadrig.io", *arguments(videos, output, *more)]
     return subprocess.Popen(
         [*command, f"late=watch:{output.parent}"],
         stdin=subprocess.PIPE,
