@@ -20,11 +20,13 @@ from quadrig.single.detect.dictionaries import tag_dictionary
 from quadrig.single.detect.image_search import detect_views
 from quadrig.single.marking import CharucoMarking, TagMarking, board_points, charuco_tag_squares
 from quadrig.single.rectangle import Rectangle
+from quadrig.single.render.capture import Capture
 from quadrig.single.render.picture import backdrop, ray_grid, render_image
 from quadrig.single.render.room import Room
 
 # Corners of one rectangle by name: its points (P, 3) m and pixels (P, 2).
 Found = dict[str, tuple[Floats, Floats]]
+CAPTURE = Capture(blur=0.6, noise=1.5, exposure=1.25)
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,9 +48,7 @@ def shoot(framesets: int, quality: int) -> tuple[list[Shot], tuple[Rectangle, ..
         rng = np.random.default_rng(number)
         for frameset in range(framesets):
             sheets = scene.sheets(frameset)
-            image = render_image(
-                grid, camera_from_world, sheets, background=empty, blur=0.6, noise=1.5, exposure=1.25, rng=rng
-            )
+            image = render_image(grid, camera_from_world, sheets, background=empty, capture=CAPTURE, rng=rng)
             code = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, quality])[1]
             grey = np.asarray(cv2.imdecode(code, cv2.IMREAD_GRAYSCALE))
             truth = {

@@ -25,6 +25,7 @@ from quadrig.io.recording.convert import image_writer
 from quadrig.io.whole_file import written_beside
 from quadrig.io.workers import run_tasks
 from quadrig.single.pose import Pose
+from quadrig.single.render.capture import Capture
 from quadrig.single.render.picture import Sheet, backdrop, ray_grid, render_image
 from quadrig.single.view import View
 
@@ -34,6 +35,7 @@ EXPOSURE = 0.008
 START = 1_700_000_000_000_000_000
 # A person moves a board, holds it, moves on: this many holds, in which the board is nearly still.
 HOLDS = 16
+CAPTURE = Capture(blur=0.6, noise=2.0, vignetting=0.15)
 # px within which a corner is the same.
 CLOSE = 0.05
 
@@ -79,9 +81,7 @@ def shoot(shots: Shots) -> list[tuple[int, bytes]]:
         board = Sheet(scene.board, scene.board_poses[frameset], motion=_motion(scene, frameset))
         sheets = [*scene.furniture, *scene.static, board]
         rng = np.random.default_rng([shots.camera, frameset])
-        image = render_image(
-            grid, camera_from_world, sheets, background=room, samples=2, blur=0.6, noise=2.0, vignetting=0.15, rng=rng
-        )
+        image = render_image(grid, camera_from_world, sheets, background=room, capture=CAPTURE, samples=2, rng=rng)
         pictures.append((frameset, cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 95])[1].tobytes()))
     return pictures
 

@@ -20,6 +20,7 @@ from quadrig.single.lens import Intrinsics
 from quadrig.single.marking import ChessboardMarking
 from quadrig.single.pose import Pose
 from quadrig.single.rectangle import Rectangle, rectangle_corners
+from quadrig.single.render.capture import Capture
 from quadrig.single.render.picture import Sheet, render_image
 from quadrig.single.rotation import angles_from_rotation, rotation_from_angles
 from quadrig.single.solve.closed_form import closed_form
@@ -266,8 +267,8 @@ BOARD = Rectangle("board", 0.30, 0.40, ChessboardMarking(9, 12, 0.40 / 12))
 def rendered(truth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """What a rendered picture of the 30 x 40 cm board gives for (T cm, theta degrees, f), and its sigmas."""
     rect_from_camera = Pose(rotation_from_angles(*np.radians(truth[3:6])), truth[:3] / 100)
-    lens = Intrinsics.centred(2300, 1800, truth[6])
-    picture = render_image(lens, rect_from_camera.inverse(), [Sheet(BOARD, Pose.identity())], blur=0.5)
+    lens, sheet = Intrinsics.centred(2300, 1800, truth[6]), Sheet(BOARD, Pose.identity())
+    picture = render_image(lens, rect_from_camera.inverse(), [sheet], capture=Capture(blur=0.5))
     (view,) = detect_views(picture, [BOARD])
     found = calibrate_view(view, (2300, 1800), principal_point=lens.principal_point, distortion="none")
     pose = found.rect_from_cameras[0]

@@ -13,6 +13,7 @@ from quadrig.single.lens import Intrinsics
 from quadrig.single.marking import TagMarking
 from quadrig.single.pose import Pose
 from quadrig.single.rectangle import Rectangle
+from quadrig.single.render.capture import Capture
 from quadrig.single.render.picture import Sheet, render_image
 
 
@@ -21,7 +22,8 @@ def main() -> None:
     tag = Rectangle("desk", 0.16, 0.16, TagMarking("apriltag_36h11", 7))
     lens = Intrinsics.centred(1280, 720, 900.0)
     camera_from_rect = Pose.from_vectors(np.array([0.7, 0.3, 0.1]), np.array([0.02, -0.01, 0.45]))
-    picture = render_image(lens, camera_from_rect, [Sheet(tag, Pose.identity())], blur=0.6, noise=1.5)
+    capture = Capture(blur=0.6, noise=1.5)
+    picture = render_image(lens, camera_from_rect, [Sheet(tag, Pose.identity())], capture=capture)
 
     (view,) = detect_views(picture, [tag])
     found = calibrate_view(view, (1280, 720), principal_point=lens.principal_point, distortion="none")

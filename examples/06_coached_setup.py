@@ -25,6 +25,7 @@ from quadrig.single.lens import Intrinsics
 from quadrig.single.marking import TagMarking
 from quadrig.single.pose import Pose
 from quadrig.single.rectangle import Rectangle
+from quadrig.single.render.capture import Capture
 from quadrig.single.render.picture import Sheet, ray_grid, render_image
 from quadrig.single.rotation import rotation_from_vector
 from quadrig.single.view import View
@@ -116,8 +117,7 @@ def framesets_until(target: float, person: Person, room: Room, rng: np.random.Ge
                 pose.inverse(),
                 [Sheet(SHEET, world_from_rect)],
                 samples=2,
-                blur=0.8,
-                noise=3.0,
+                capture=Capture(blur=0.8, noise=3.0),
                 colour=False,
                 rng=rng,
             )

@@ -16,10 +16,11 @@ from quadrig.io.workers import run_tasks
 from quadrig.rig.result import Rig
 from quadrig.single.arrays import Floats
 from quadrig.single.pose import Pose
+from quadrig.single.render.capture import Capture
 from quadrig.single.render.picture import RayGrid, backdrop, ray_grid, render_image
 
-# What a usual industrial camera does to a picture: blur and noise of its lens and sensor, px and grey levels.
-_BLUR, _NOISE, _VIGNETTING, _EXPOSURE = 0.6, 1.5, 0.15, 1.25
+# What a usual industrial camera does to light.
+_CAPTURE = Capture(blur=0.6, noise=1.5, exposure=1.25, vignetting=0.15)
 _JPEG_QUALITY = 95
 # 2026-01-01T00:00:00 UTC; a picture every fifth of a second, stamped up to 2 ms apart by the cameras.
 _START, _PERIOD, _JITTER = 1_767_225_600_000_000_000, 200_000_000, 2_000_000
@@ -90,10 +91,7 @@ def picture(camera: SceneCamera, scene: Scene, frameset: int) -> Floats:
         camera.world_from_camera.inverse(),
         scene.sheets(frameset),
         background=empty_room,
-        blur=_BLUR,
-        noise=_NOISE,
-        exposure=_EXPOSURE,
-        vignetting=_VIGNETTING,
+        capture=_CAPTURE,
         rng=np.random.default_rng([frameset, *camera.name.encode()]),
     )
 

@@ -1,6 +1,6 @@
 """Pictures of marked sheets as a distorted camera would take them, with a known truth.
 
-Each pixel is the mean over its area of what its rays meet. Light is linear: a value of 1 is 255 at exposure 1.
+Each pixel is the mean over its area of what its rays meet, in linear light; Capture says what a camera makes of it.
 """
 
 from collections.abc import Sequence
@@ -14,6 +14,7 @@ from quadrig.single.arrays import Floats
 from quadrig.single.lens import Intrinsics
 from quadrig.single.pose import Pose
 from quadrig.single.rectangle import Rectangle
+from quadrig.single.render.capture import Capture, take_picture
 from quadrig.single.render.marking_image import marking_image, quiet_zone
 from quadrig.single.render.room import Room, room_light
 
@@ -23,11 +24,10 @@ _INK, _WHITE = 0.05, 0.82
 _THICKNESS = 2e-3
 # Step (px) of the coarse search for the part of the image that a sheet covers.
 _STRIDE = 4
-# Places at which the noise of a picture may begin: two pictures of a recording hardly ever share one.
-_STRIP = 1 << 20
 # Sharpest texture kept (texels per metre) and largest (texels a side), which bound memory, not accuracy: a sheet
 # that needs more fills the picture with one cell.
 _DENSEST, _LARGEST = 40_000.0, 6_000
+_PLAINLY = Capture()
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,6 +36,7 @@ class Sheet:
 
     margin: the marking's quiet zone where None. texture (h, w) in [0, 1], 0 ink and 1 paper, stretched over the
     whole sheet, takes the place of the marking's picture. tone: reflectance of the paper.
+    rounding: radius of the sheet's corners, metres.
     motion (6,): step of world_from_rect (Pose.retract) during the exposure, from half of it before to half after.
     The back of a sheet is blank.
     """
@@ -45,6 +46,7 @@ class Sheet:
     texture: Floats | None = None
     margin: float | None = None
     tone: float = _WHITE
+    rounding: float = 0.0
     motion: Floats | None = None
 
     @property
@@ -84,19 +86,16 @@ def render_image(
     sheets: Sequence[Sheet],
     *,
     background: Room | Floats | float = 0.4,
+    capture: Capture = _PLAINLY,
     samples: int = 3,
-    blur: float = 0.0,
-    noise: float = 0.0,
-    exposure: float = 1.0,
-    vignetting: float = 0.0,
     colour: bool = True,
     rng: np.random.Generator | None = None,
 ) -> Floats:
     """The picture, uint8 (h, w, 3) blue green red, or (h, w) where colour is False.
 
-    background: a Room, what `backdrop` made of it (h, w, 3) or (h, w), or one tone. samples: rays a pixel along
-    each axis. blur: sigma of the lens's Gaussian, px (the sheets'; a room is soft already). noise: sigma of the
-    sensor's, grey levels (drawn from rng; from seed 0 where None). vignetting: share of light lost in the corners.
+    background: a Room, what `backdrop` made of it (h, w, 3) or (h, w), or one tone. capture: blur, noise, tone curve
+    and all else between the light and the file. samples: rays a pixel along each axis. rng: of the noise; seed 0
+    where None.
     """
     grid = camera if isinstance(camera, RayGrid) else ray_grid(camera)
     image = _background(grid, camera_from_world, background, colour)
@@ -104,8 +103,8 @@ def render_image(
     depth, owner = np.full(shape, np.inf, np.float32), np.full(shape, -1, np.int16)
     distances = [np.linalg.norm(camera_from_world.transform(s.world_from_rect.translation)) for s in sheets]
     for index in np.argsort(distances)[::-1]:
-        _paint(image, depth, owner, int(index), sheets[index], grid, camera_from_world, samples, blur)
-    return _expose(image, noise, exposure, vignetting, rng)
+        _paint(image, depth, owner, int(index), sheets[index], grid, camera_from_world, samples, capture.blur)
+    return take_picture(image, capture, rng)
 
 
 def _background(grid: RayGrid, camera_from_world: Pose, background: Room | Floats | float, colour: bool) -> Floats:
@@ -265,59 +264,33 @@ def _texture(sheet: Sheet, density: float) -> tuple[tuple[Floats, Floats], tuple
 
     The two are one and the same array where nothing is printed.
     """
+    radius = sheet.rounding / max(sheet.size)
     drawn = sheet.texture is None
-    both = _drawn_texture(sheet.rectangle, density, sheet.border) if drawn else _bordered(sheet.texture)
+    both = _drawn(sheet.rectangle, density, sheet.border, radius) if drawn else _bordered(sheet.texture, radius)
     height, width = both[0].shape
     return both, ((width - 2) / sheet.size[0], (height - 2) / sheet.size[1])
 
 
 @lru_cache(maxsize=64)
-def _drawn_texture(rectangle: Rectangle, density: float, margin: float) -> tuple[Floats, Floats]:
-    return _bordered(marking_image(rectangle, density, margin))
+def _drawn(rectangle: Rectangle, density: float, margin: float, radius: float) -> tuple[Floats, Floats]:
+    return _bordered(marking_image(rectangle, density, margin), radius)
 
 
-def _bordered(picture: Floats) -> tuple[Floats, Floats]:
-    levels = np.rint(255 * np.asarray(picture, np.float32)).astype(np.uint8)
-    cover = cv2.copyMakeBorder(np.full_like(levels, 255), 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=0)
-    if np.all(levels == 255):
+def _bordered(picture: Floats, radius: float) -> tuple[Floats, Floats]:
+    cover = np.full(picture.shape, 255, np.uint8)
+    if radius > 0:
+        _round_off(cover, radius * max(cover.shape))
+    levels = np.rint(cover * np.asarray(picture, np.float32)).astype(np.uint8)
+    cover = cv2.copyMakeBorder(cover, 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=0)
+    if np.all(picture == 1):
         return cover, cover
     return cv2.copyMakeBorder(levels, 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=0), cover
 
 
-def _expose(
-    image: Floats,
-    noise: float,
-    exposure: float,
-    vignetting: float,
-    rng: np.random.Generator | None,
-) -> Floats:
-    gain = np.float32(255 * exposure)
-    height, width = image.shape[:2]
-    if vignetting > 0:
-        shape = (height, width, 1)[: image.ndim]
-        image *= gain * _vignette(width, height, vignetting).reshape(shape)
-    else:
-        image *= gain
-    if noise > 0:
-        rng = rng if rng is not None else np.random.default_rng(0)
-        grain = _grain(height, width, rng) * np.float32(noise)
-        image += grain if image.ndim == 2 else grain[..., None]
-    return cv2.convertScaleAbs(np.maximum(image, 0, out=image))
-
-
-def _grain(height: int, width: int, rng: np.random.Generator) -> Floats:
-    """Normal noise (h, w): a random part of one long strip, since drawing it anew would take a third of the time."""
-    start = int(rng.integers(0, _STRIP))
-    return _strip(height * width + _STRIP)[start : start + height * width].reshape(height, width)
-
-
-@lru_cache(maxsize=4)
-def _strip(length: int) -> Floats:
-    return np.random.default_rng(length).standard_normal(length, np.float32)
-
-
-@lru_cache(maxsize=8)
-def _vignette(width: int, height: int, strength: float) -> Floats:
-    x = (np.arange(width, dtype=np.float32) - (width - 1) / 2) / (width / 2)
-    y = (np.arange(height, dtype=np.float32) - (height - 1) / 2) / (height / 2)
-    return (1 - strength * (x[None, :] ** 2 + y[:, None] ** 2) / 2).astype(np.float32)
+def _round_off(cover: Floats, radius: float) -> None:
+    """Take away from a sheet's cover, texels, what lies beyond its rounded corners."""
+    beyond = np.clip(radius - np.arange(int(radius) + 1) - 0.5, 0, None)
+    rounded = 255 * np.clip(radius - np.hypot(beyond[:, None], beyond[None]) + 0.5, 0, 1)
+    size = len(beyond)
+    for part in (cover, cover[::-1], cover[:, ::-1], cover[::-1, ::-1]):
+        part[:size, :size] = rounded

@@ -20,6 +20,7 @@ from quadrig.single.lens import Intrinsics
 from quadrig.single.marking import TagMarking
 from quadrig.single.pose import Pose
 from quadrig.single.rectangle import Rectangle
+from quadrig.single.render.capture import Capture
 from quadrig.single.render.picture import Sheet, ray_grid, render_image
 
 CALIBRATE = """
@@ -60,7 +61,9 @@ def record_desk(folder: Path, recording: Path) -> None:
     for frameset in range(6):
         pose = Pose.from_vectors(rng.uniform(-0.7, 0.7, 3), np.array([*rng.uniform(-0.1, 0.1, 2), 0.9]))
         for name, camera_from_world in (("left", Pose.identity()), ("right", right_from_left)):
-            image = render_image(ray_grid(lens), camera_from_world, [Sheet(DESK, pose)], blur=0.6, noise=1.5, rng=rng)
+            image = render_image(
+                ray_grid(lens), camera_from_world, [Sheet(DESK, pose)], capture=Capture(blur=0.6, noise=1.5), rng=rng
+            )
             (folder / name).mkdir(exist_ok=True)
             cv2.imwrite(str(folder / name / f"{frameset:03}.png"), image)
     arguments = [f"--camera={side}={folder / side}" for side in ("left", "right")]

@@ -18,6 +18,7 @@ from quadrig.single.lens import Intrinsics
 from quadrig.single.marking import TagMarking
 from quadrig.single.pose import Pose
 from quadrig.single.rectangle import Rectangle
+from quadrig.single.render.capture import Capture
 from quadrig.single.render.picture import Sheet, ray_grid, render_image
 
 RIG = Path(sys.executable).with_name("rig")
@@ -75,7 +76,7 @@ def pictures(tmp_path_factory) -> Path:
             ("right", right_from_left, Sheet(DESK, left_from_desk)),
             ("hall", Pose.identity(), Sheet(SHELF, hall_from_shelf)),
         ):
-            image = render_image(grid, camera_from_world, [sheet], blur=0.6, noise=1.5, rng=rng)
+            image = render_image(grid, camera_from_world, [sheet], capture=Capture(blur=0.6, noise=1.5), rng=rng)
             (folder / name).mkdir(exist_ok=True)
             cv2.imwrite(str(folder / name / f"{frameset:03}.png"), image)
     (folder / "rig.toml").write_text(ROOM)

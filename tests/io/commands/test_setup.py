@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 
@@ -36,6 +37,7 @@ from quadrig.single.lens import Intrinsics
 from quadrig.single.marking import CharucoMarking, TagMarking
 from quadrig.single.pose import Pose
 from quadrig.single.rectangle import Rectangle
+from quadrig.single.render.capture import Capture
 from quadrig.single.render.picture import RayGrid, Sheet, ray_grid, render_image
 from quadrig.single.rotation import rotation_from_vector
 from quadrig.single.view import View
@@ -78,6 +80,7 @@ def backdrop_with_shapes() -> np.ndarray:
 
 
 BACKDROP = backdrop_with_shapes()
+USUAL = Capture(blur=0.6, noise=1.5)
 
 
 def held_poses() -> list[Pose]:
@@ -94,9 +97,7 @@ def held_poses() -> list[Pose]:
 
 def picture(camera: int, pose: Pose, rectangle: Rectangle = TAG) -> np.ndarray:
     sheet = Sheet(rectangle, pose)
-    return render_image(
-        grid(camera), CAMERAS[camera].inverse(), [sheet], samples=2, blur=0.6, noise=1.5, colour=False
-    )
+    return render_image(grid(camera), CAMERAS[camera].inverse(), [sheet], samples=2, capture=USUAL, colour=False)
 
 
 @pytest.fixture(scope="module")
@@ -219,7 +220,9 @@ def test_search_finds_what_a_full_search_finds():
             Sheet(TAG, Pose(rotation_from_vector(np.array([0.3, 0.2, 0.1])), np.array([-0.4, 0.1, 1.6]) + shift)),
             Sheet(board, Pose(rotation_from_vector(np.array([-0.3, 0.3, 0])), np.array([0.2, 0, 1.4]) - shift)),
         ]
-        grey = render_image(lens, Pose.identity(), sheets, samples=2, blur=0.6, noise=1.0, colour=False)
+        grey = render_image(
+            lens, Pose.identity(), sheets, samples=2, capture=Capture(blur=0.6, noise=1.0), colour=False
+        )
         found = search.search(Frame("cam0", step, 0.0, picture=grey), step)
         assert {view.rectangle for view in found.views} == {"sheet", "board"}
         exact = {view.rectangle: view for view in search.refine(found, {"sheet", "board"})}
@@ -259,12 +262,12 @@ class Heard:
         pass
 
 
-def shown(camera: int, pose: Pose, rectangle: Rectangle = TAG, motion=None, **options) -> np.ndarray:
+def shown(camera: int, pose: Pose, rectangle: Rectangle = TAG, motion=None, **light) -> np.ndarray:
     """A picture of a sheet before a backdrop with shapes in it."""
     sheets = [Sheet(rectangle, pose, motion=motion)]
-    options = {"blur": 0.6, "noise": 1.5, **options}
+    camera_from_world, capture = CAMERAS[camera].inverse(), replace(USUAL, **light)
     return render_image(
-        grid(camera), CAMERAS[camera].inverse(), sheets, samples=2, colour=False, background=BACKDROP, **options
+        grid(camera), camera_from_world, sheets, samples=2, colour=False, background=BACKDROP, capture=capture
     )
 
 
@@ -329,9 +332,7 @@ def test_a_sheet_printed_at_the_wrong_scale_is_said_in_a_session(tmp_path):
         for pose, other in zip(poses[:6], poses[3:], strict=True):
             sheets = [Sheet(TAG, moved(-0.17, pose)), Sheet(small, moved(0.17, other))]
             frame = CAMERAS[camera].inverse()
-            pictures[-1] += [
-                render_image(grid(camera), frame, sheets, samples=2, blur=0.6, noise=1.5, colour=False)
-            ] * 2
+            pictures[-1] += [render_image(grid(camera), frame, sheets, samples=2, capture=USUAL, colour=False)] * 2
     said = said_of(tmp_path, pictures, config)
     assert heard(said, "small is ")
     assert heard(said, "% smaller than its size in rig.toml says")

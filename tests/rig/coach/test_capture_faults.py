@@ -19,6 +19,7 @@ from quadrig.single.lens import Intrinsics
 from quadrig.single.marking import CharucoMarking, TagMarking, board_points
 from quadrig.single.pose import Pose
 from quadrig.single.rectangle import Rectangle
+from quadrig.single.render.capture import Capture
 from quadrig.single.render.picture import Sheet, render_image
 from quadrig.single.rotation import rotation_from_vector
 from quadrig.single.view import View
@@ -37,9 +38,9 @@ def view_of(pose, camera="cam0", rectangle=TAG, frameset=0):
     return View(rectangle.name, rectangle.corners, LENS.project(pose.transform(rectangle.corners)), camera, frameset)
 
 
-def picture_of(pose=None, motion=None, **options):
+def picture_of(pose=None, motion=None, **light):
     sheet = Sheet(TAG, pose or pose_of(), motion=motion)
-    return render_image(LENS, Pose.identity(), [sheet], colour=False, noise=2.0, **options)
+    return render_image(LENS, Pose.identity(), [sheet], colour=False, capture=Capture(noise=2.0, **light))
 
 
 def test_a_good_picture_has_no_fault():

@@ -14,6 +14,7 @@ from quadrig.single.lens import Intrinsics
 from quadrig.single.marking import CharucoMarking, ChessboardMarking, Marking, PlainMarking, TagMarking
 from quadrig.single.pose import Pose
 from quadrig.single.rectangle import Rectangle
+from quadrig.single.render.capture import Capture
 from quadrig.single.render.picture import Sheet, ray_grid, render_image
 from quadrig.single.rotation import rotation_from_vector
 from quadrig.single.view import View
@@ -38,8 +39,9 @@ def pose(x: float, y: float, z: float, tilt=(0.0, 0.0, 0.0)) -> Pose:
 
 
 def picture(rectangle: Rectangle, where: Pose, *, tone: float = 0.82, **light) -> Floats:
-    light = {"noise": 1.0, "blur": 0.6, "samples": 6, "background": 0.4, **light}
-    return render_image(GRID, Pose.identity(), [Sheet(rectangle, where, tone=tone)], colour=False, **light)
+    capture = Capture(**{"noise": 1.0, "blur": 0.6, **light})
+    sheets = [Sheet(rectangle, where, tone=tone)]
+    return render_image(GRID, Pose.identity(), sheets, capture=capture, samples=6, colour=False)
 
 
 def errors(view: View, where: Pose) -> Floats:
@@ -137,14 +139,18 @@ def test_hidden_corner_gives_no_tag():
     thumb = Rectangle("thumb", 0.03, 0.05, PlainMarking())
     for corner in TAG.corners:
         cover = Sheet(thumb, Pose(np.eye(3), corner + np.array([0, 0, 0.49])), tone=0.45)
-        image = render_image(GRID, Pose.identity(), [Sheet(TAG, where), cover], blur=0.6, colour=False)
+        image = render_image(
+            GRID, Pose.identity(), [Sheet(TAG, where), cover], capture=Capture(blur=0.6), colour=False
+        )
         assert detect_views(image, [TAG]) == []
 
 
 def test_partly_hidden_board_keeps_true_corners_only():
     board, where = BOARDS[0], pose(0, 0, 0.6, (0.2, -0.2, 0.1))
     hand = Sheet(Rectangle("hand", 0.08, 0.12, PlainMarking()), pose(-0.08, 0.03, 0.5, (0, 0, 0.4)), tone=0.4)
-    image = render_image(GRID, Pose.identity(), [Sheet(board, where), hand], blur=0.6, noise=1.0, colour=False)
+    image = render_image(
+        GRID, Pose.identity(), [Sheet(board, where), hand], capture=Capture(blur=0.6, noise=1.0), colour=False
+    )
     view = detect_views(image, [board])[0]
     assert 4 <= len(view.points) < 12
     assert np.abs(errors(view, where)).max() < 0.15
@@ -174,7 +180,7 @@ def test_all_kinds_in_one_picture_come_in_the_order_asked_for():
     rectangles = [CHESS, BOARDS[0], TAG]
     places = [pose(-0.33, 0.12, 1.4), pose(0.1, 0.16, 1.2), pose(0.1, -0.2, 1.2)]
     sheets = [Sheet(r, p) for r, p in zip(rectangles, places, strict=True)]
-    image = render_image(GRID, Pose.identity(), sheets, blur=0.5)
+    image = render_image(GRID, Pose.identity(), sheets, capture=Capture(blur=0.5))
     views = detect_views(image, rectangles)
     assert [v.rectangle for v in views] == ["chess", "board", "tag"]
     for view, where in zip(views, places, strict=True):

@@ -7,6 +7,8 @@ from quadrig.single.lens import Intrinsics
 from quadrig.single.marking import CharucoMarking, ChessboardMarking, PlainMarking, TagMarking
 from quadrig.single.pose import Pose
 from quadrig.single.rectangle import Rectangle
+from quadrig.single.render.capture import LINEAR, SRGB, Capture, Hand, Shadow, ToneCurve
+from quadrig.single.render.ground import fabric, wood
 from quadrig.single.render.marking_image import marking_image, marking_patches, quiet_zone
 from quadrig.single.render.picture import Sheet, backdrop, ray_grid, render_image
 from quadrig.single.render.room import Room
@@ -32,7 +34,7 @@ def test_middle_of_light_is_where_the_lens_puts_it():
     small = Rectangle("small", 0.01, 0.01, PlainMarking())
     pose = facing(0.18, 0.12, 0.5)
     # Blur leaves the middle of the light where it is, and frees it from the pixels' own middles.
-    light = {"background": 0.0, "samples": 6, "blur": 1.0, "colour": False}
+    light = {"background": 0.0, "samples": 6, "capture": Capture(blur=1.0), "colour": False}
     image = render_image(BENT, Pose.identity(), [Sheet(small, pose, tone=1.0)], **light)
     y, x = np.mgrid[: image.shape[0], : image.shape[1]]
     middle = np.array([(x * image).sum(), (y * image).sum()]) / image.sum()
@@ -80,7 +82,12 @@ def test_motion_spreads_an_edge_but_keeps_its_light():
 
 def test_noise_and_exposure_are_what_was_asked_for():
     image = render_image(
-        STRAIGHT, Pose.identity(), [], background=0.4, noise=3.0, exposure=1.2, rng=np.random.default_rng(4)
+        STRAIGHT,
+        Pose.identity(),
+        [],
+        background=0.4,
+        capture=Capture(noise=3.0, exposure=1.2),
+        rng=np.random.default_rng(4),
     )
     assert image.shape == (120, 160, 3)
     assert image.mean() == pytest.approx(0.4 * 1.2 * 255, abs=0.2)
@@ -89,7 +96,8 @@ def test_noise_and_exposure_are_what_was_asked_for():
 
 def test_same_seed_gives_the_same_picture():
     pictures = [
-        render_image(STRAIGHT, Pose.identity(), [], noise=2.0, rng=np.random.default_rng(9)) for _ in range(2)
+        render_image(STRAIGHT, Pose.identity(), [], capture=Capture(noise=2.0), rng=np.random.default_rng(9))
+        for _ in range(2)
     ]
     np.testing.assert_array_equal(*pictures)
 
@@ -134,3 +142,65 @@ def test_picture_of_a_marking_keeps_its_ink_at_any_scale():
     for density in (500.0, 777.7, 1234.5):
         ink = (1 - marking_image(rectangle, density)).mean() * (0.24 * 0.20)
         assert ink == pytest.approx(0.2 * 0.16 / 2, rel=1e-3)
+
+
+def white_under(capture: Capture) -> np.ndarray:
+    return render_image(STRAIGHT, Pose.identity(), [], background=0.4, capture=capture, colour=False).astype(float)
+
+
+@pytest.mark.parametrize(("curve", "grey"), [(LINEAR, 102.0), (ToneCurve(2.2), 168.1), (SRGB, 169.6)])
+def test_tone_curves_are_those_of_their_names(curve, grey):
+    # sRGB of 0.4 and 0.4 to the power 1/2.2, from their published formulas.
+    assert white_under(Capture(curve=curve)).mean() == pytest.approx(grey, abs=0.5)
+    assert curve(np.array([0.0, 1.0])) == pytest.approx([0, 1])
+    light = np.linspace(0, 1, 200)
+    assert np.all(np.diff(curve(light)) > 0)
+
+
+def test_shadow_takes_its_share_within_its_outline():
+    outline = ((40.0, 30.0), (100.0, 30.0), (100.0, 90.0), (40.0, 90.0))
+    image = white_under(Capture(shadows=(Shadow(outline, depth=0.5),)))
+    assert image[60, 70] == pytest.approx(51, abs=1)
+    assert image[60, 120] == pytest.approx(102, abs=1)
+    # Its edge runs through the middle of a pixel.
+    assert image[60, 40] == pytest.approx((51 + 102) / 2, abs=8)
+    soft = white_under(Capture(shadows=(Shadow(outline, depth=0.5, softness=6.0),)))
+    assert soft.sum() == pytest.approx(image.sum(), rel=2e-3)
+    assert np.abs(np.diff(soft, axis=1)).max() < 6
+
+
+def test_hand_lies_where_it_points():
+    image = white_under(Capture(hands=(Hand((80.0, 60.0), np.pi / 2, 8.0),)))
+    assert np.all(image[64:] == 102)
+    assert image[52, 76] < 95
+    assert image[:30, 60:100].mean() < 95
+
+
+def test_uneven_light_is_what_was_asked_for():
+    image = white_under(Capture(slope=(0.2, 0.0)))
+    assert image[:, -1].mean() / image[:, 0].mean() == pytest.approx(1.2 / 0.8, rel=0.01)
+
+
+def test_corners_of_a_sheet_are_rounded_off():
+    sharp, rounded = (
+        render_image(
+            STRAIGHT,
+            Pose.identity(),
+            [Sheet(SHEET, facing(0, 0, 0.5), tone=1.0, rounding=radius)],
+            background=0.0,
+            samples=6,
+            colour=False,
+        ).astype(float)
+        for radius in (0.0, 0.02)
+    )
+    lost = (4 - np.pi) * (0.02 * 200 / 0.5) ** 2
+    assert (sharp - rounded).sum() / 255 == pytest.approx(lost, rel=0.05)
+
+
+@pytest.mark.parametrize("texture", [wood, fabric])
+def test_grounds_are_tones(texture):
+    tones = texture((600, 400), np.random.default_rng(1))
+    assert tones.shape == (400, 600)
+    assert tones.mean() == pytest.approx(0.5, abs=0.02)
+    assert tones.min() >= 0
+    assert tones.max() <= 1
