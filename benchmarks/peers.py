@@ -13,6 +13,7 @@ import numpy as np
 
 from quadrig.rig.problem.camera_input import CameraInput
 from quadrig.single.arrays import Floats
+from quadrig.single.lens import image_middle
 from quadrig.single.pose import Pose
 from quadrig.single.view import View
 
@@ -93,7 +94,7 @@ def pycolmap_rig(cameras: Sequence[CameraInput], views: Sequence[View], bent: bo
     reconstruction = pycolmap.Reconstruction()
     rig = pycolmap.Rig(rig_id=1)
     for index, camera in enumerate(cameras):
-        middle = [camera.width / 2, camera.height / 2]
+        middle = image_middle(camera.width, camera.height)
         model = "OPENCV" if bent else "SIMPLE_PINHOLE"
         parameters = [focals[index]] * 2 + [*middle, 0, 0, 0, 0] if bent else [focals[index], *middle]
         number = index + 1

@@ -240,7 +240,7 @@ def ring(cameras: int, framesets: int, seed: int = 0, noise: float = 0.3) -> Sim
     frameset, which nobody else sees."""
     rng = np.random.default_rng(seed)
     radius = max(2.0, 1.2 * cameras / (2 * np.pi))
-    lenses = np.tile([900.0, WIDTH / 2, HEIGHT / 2, 0, 0, 0, 0, 0, 1.0], (cameras, 1))
+    lenses = np.tile([900.0, *image_middle(WIDTH, HEIGHT), 0, 0, 0, 0, 0, 1.0], (cameras, 1))
     lenses[:, 0] = rng.uniform(850, 950, cameras)
     lenses[:, 1:3] += rng.normal(size=(cameras, 2)) * 0.01 * WIDTH
     angle = 2 * np.pi * np.arange(cameras) / cameras

@@ -8,7 +8,7 @@ import numpy as np
 
 from quadrig.single.arrays import Floats
 from quadrig.single.errors import QuadrigError
-from quadrig.single.lens import Intrinsics
+from quadrig.single.lens import Intrinsics, image_middle
 from quadrig.single.pose import Pose, inverse_jacobian
 from quadrig.single.solve.corners import REASON_WORDS, Reason
 from quadrig.single.solve.focal_advice import focal_advice, percent, view_tilt
@@ -149,8 +149,7 @@ def calibrate_views(
         raise QuadrigError(f"the focal is {focal} px; give a length above zero")
     if principal_point_sigma is None:
         principal_point_sigma = 0.0 if principal_point is not None else USUAL_CENTRE_SIGMA * max(width, height)
-    middle = np.array([(width - 1) / 2, (height - 1) / 2])
-    centre = middle if principal_point is None else np.asarray(principal_point, float)
+    centre = image_middle(width, height) if principal_point is None else np.asarray(principal_point, float)
     given = _Given(
         image_size,
         focal,

@@ -83,11 +83,8 @@ class Intrinsics:
 
 
 def image_middle(width: int, height: int) -> Floats:
-    """Where a principal point is expected (2,): half the size, as OpenCV's and COLMAP's own guesses put it.
-
-    By the convention of pixel centres the middle is half a pixel less; lenses are off by tens of pixels.
-    """
-    return np.array([width / 2, height / 2])
+    """The middle (2,) of a picture, where a principal point is expected: whole coordinates are centres of pixels."""
+    return np.array([(width - 1) / 2, (height - 1) / 2])
 
 
 def project(parameters: Floats, points: Floats, model: LensModel = "pinhole") -> Floats:

@@ -12,7 +12,7 @@ from quadrig.io.whole_file import write_text
 from quadrig.rig.problem.camera_input import CameraInput, LensChoice
 from quadrig.single.detect.dictionaries import canonical_dictionary, check_tag_id
 from quadrig.single.errors import QuadrigError
-from quadrig.single.lens import Intrinsics, LensModel
+from quadrig.single.lens import Intrinsics, LensModel, image_middle
 from quadrig.single.marking import CharucoMarking, ChessboardMarking, Marking, PlainMarking, PointsMarking, TagMarking
 from quadrig.single.pose import Pose
 from quadrig.single.rectangle import Rectangle
@@ -122,11 +122,11 @@ class CameraConfig:
         lens: LensChoice = "fisheye" if self.model == "fisheye" and self.lens == "auto" else self.lens
         intrinsics = None
         if self.focal is not None:
-            centre = self.principal_point or ((width - 1) / 2, (height - 1) / 2)
+            centre = np.array(self.principal_point) if self.principal_point else image_middle(width, height)
             distortion = np.zeros(5)
             distortion[: len(self.distortion)] = self.distortion
             intrinsics = Intrinsics(
-                width, height, self.focal, np.array(centre), distortion, aspect=self.aspect, model=self.model
+                width, height, self.focal, centre, distortion, aspect=self.aspect, model=self.model
             )
         return CameraInput(self.name, width, height, intrinsics, self.fixed, lens)
 

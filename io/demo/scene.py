@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from quadrig.single.arrays import Floats
-from quadrig.single.lens import Intrinsics
+from quadrig.single.lens import Intrinsics, image_middle
 from quadrig.single.marking import CharucoMarking, PlainMarking, TagMarking
 from quadrig.single.pose import Pose
 from quadrig.single.rectangle import Rectangle
@@ -89,7 +89,7 @@ def _camera(
     distance: float,
     height: float,
 ) -> SceneCamera:
-    centre = np.array([(WIDTH - 1) / 2, (HEIGHT - 1) / 2]) + offset
+    centre = image_middle(WIDTH, HEIGHT) + offset
     intrinsics = Intrinsics(WIDTH, HEIGHT, focal, centre, np.array([k1, k2, 0.0, 0.0, 0.0]))
     angle = np.radians(azimuth)
     position = np.array([distance * np.sin(angle), -distance * np.cos(angle), height])

@@ -5,6 +5,7 @@ import numpy as np
 
 from quadrig.single.arrays import Floats
 from quadrig.single.detect.edge_fit import fit_outline
+from quadrig.single.lens import image_middle
 from quadrig.single.rectangle import Rectangle
 from quadrig.single.view import View
 
@@ -154,7 +155,7 @@ def _possible(
 
 def _misfit(rectangle: Rectangle, corners: Floats, shape: tuple[int, ...]) -> float:
     """Least share by which right angle or side ratio are missed, over all focals from fisheye to telephoto."""
-    middle = np.array([(shape[1] - 1) / 2, (shape[0] - 1) / 2])
+    middle = image_middle(shape[1], shape[0])
     plane = rectangle.corners[:, :2].astype(np.float32)
     homography = cv2.getPerspectiveTransform(plane, (corners - middle).astype(np.float32))
     focals = max(shape) * np.geomspace(0.3, 8.0, 60)

@@ -92,6 +92,11 @@ def test_cameras_may_differ(straight):
     assert lens_names(rig)["cam0"] >= {"focal", "cx", "cy"}
 
 
+# The files' principal points lie in the middle of the picture at half its size: their pixels count from the corner of
+# the first pixel, ours from its centre.
+PIXEL_CENTRE = -0.5
+
+
 def bench(shared_data, name):
     file = shared_data / "bench" / f"{name}.npz"
     if not file.exists():
@@ -105,7 +110,7 @@ def bench(shared_data, name):
     inputs = [CameraInput(f"cam{i}", width, height) for i in range(cameras)]
     sheet = Rectangle("board", float(size[0]), float(size[1]), moving=True)
     views = [
-        View("board", points, data["obs"][c, f], f"cam{c}", f)
+        View("board", points, data["obs"][c, f] + PIXEL_CENTRE, f"cam{c}", f)
         for c in range(cameras)
         for f in range(framesets)
         if data["vis"][c, f]
