@@ -4,7 +4,7 @@ import multiprocessing
 import os
 import signal
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import Executor, Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
@@ -34,7 +34,7 @@ def run_tasks(
     tasks: Sequence[Task],
     workers: int | None = None,
     executor: Executor | None = None,
-) -> Iterator[tuple[int, Result]]:
+) -> Generator[tuple[int, Result], None, None]:
     """Index and result of each task, in the order of completion. function and tasks must be picklable.
 
     workers: processes of a pool of our own, 1: none but this one. executor: used instead, where given.

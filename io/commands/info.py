@@ -99,7 +99,7 @@ _NUMBERS = range(1, 7)
 
 
 def _print(recording: Recording, framesets: Framesets) -> None:
-    rows = [_HEADINGS]
+    rows: list[tuple[str, ...]] = [_HEADINGS]
     for camera, report in zip(recording.cameras, framesets.report, strict=True):
         rate = _rate(camera)
         rows.append(

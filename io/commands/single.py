@@ -8,7 +8,7 @@ import numpy as np
 import typer
 
 from quadrig.io.report.single import json_report, text_report
-from quadrig.single.arrays import Floats
+from quadrig.single.arrays import Picture
 from quadrig.single.calibration import Distortion, calibrate_view
 from quadrig.single.detect.image_search import detect_views
 from quadrig.single.errors import QuadrigError
@@ -104,7 +104,7 @@ def single(
     print(report(image.name, rectangle, view, calibration, said))
 
 
-def read_picture(path: Path) -> Floats:
+def read_picture(path: Path) -> Picture:
     """The picture (h, w, 3) uint8, blue green red, turned as its EXIF says. Raises QuadrigError where it is none."""
     if not path.is_file():
         raise QuadrigError(f"{path} is not there; give a picture")
@@ -113,7 +113,7 @@ def read_picture(path: Path) -> Floats:
     )
     if picture is None:
         raise QuadrigError(f"{path} is not a picture that can be read; give a JPEG or PNG")
-    return picture
+    return np.asarray(picture, np.uint8)
 
 
 def _size(width: float | None, height: float | None, paper: str | None, portrait: bool) -> tuple[float, float] | None:
@@ -222,7 +222,7 @@ def _rectangle(size: tuple[float, float] | None, marking: Marking) -> Rectangle:
     return Rectangle(name, *size, marking)
 
 
-def _found(picture: Floats, rectangle: Rectangle, path: Path) -> View:
+def _found(picture: Picture, rectangle: Rectangle, path: Path) -> View:
     views = detect_views(picture, [rectangle])
     if not views:
         sought = {

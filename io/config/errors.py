@@ -129,5 +129,5 @@ def _choices(root: type, path: str) -> list[str]:
     """What a Literal, or the kind of a tagged table, may be."""
     if path.endswith(".kind"):
         tables = _type_at(root, path.removesuffix(".kind"))
-        return [t.__struct_config__.tag for t in tables if isinstance(t, type) and issubclass(t, msgspec.Struct)]
+        return [str(t.__struct_config__.tag) for t in tables if isinstance(t, type) and issubclass(t, msgspec.Struct)]
     return [str(choice) for one in _type_at(root, path) for choice in typing.get_args(one)]

@@ -86,7 +86,9 @@ class Plot:
             f'height="{abs(y1 - y0):.1f}" fill="{colour}" fill-opacity="{opacity:.2f}"/>'
         )
 
-    def text(self, point: Sequence[float], words: str, colour: str = "currentColor", anchor: str = "middle") -> None:
+    def text(
+        self, point: Sequence[float] | Floats, words: str, colour: str = "currentColor", anchor: str = "middle"
+    ) -> None:
         """Words at a point, a little above it and before all marks; higher where other words stand already."""
         x, y = self.place(np.asarray(point, float))
         half = _LETTER * len(words) / 2

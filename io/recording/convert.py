@@ -16,7 +16,7 @@ from quadrig.io.recording.image_message import ROS2_DEFINITIONS
 from quadrig.io.recording.image_source import ImageSource
 from quadrig.io.recording.recorded_cameras import RecordedCamera
 from quadrig.io.whole_file import written_beside
-from quadrig.single.arrays import Floats
+from quadrig.single.arrays import Ints, Picture
 from quadrig.single.errors import QuadrigError
 
 MessageFormat = Literal["foxglove", "ros2"]
@@ -108,7 +108,7 @@ class _Stamped:
     """A source with other time stamps (N,) ns."""
 
     source: ImageSource
-    given: Floats
+    given: Ints
 
     def __len__(self) -> int:
         return len(self.source)
@@ -117,19 +117,19 @@ class _Stamped:
     def encoding(self) -> str:
         return self.source.encoding
 
-    def stamps(self) -> Floats:
+    def stamps(self) -> Ints:
         return self.given
 
-    def quick_stamps(self) -> Floats:
+    def quick_stamps(self) -> Ints:
         return self.given
 
-    def part(self, indices: Floats) -> "_Stamped":
+    def part(self, indices: Ints) -> "_Stamped":
         return _Stamped(self.source.part(indices), self.given[indices])
 
-    def images(self, gray: bool = True, shrink: int = 1) -> Iterator[Floats | None]:
+    def images(self, gray: bool = True, shrink: int = 1) -> Iterator[Picture | None]:
         return self.source.images(gray, shrink)
 
-    def batches(self, indices: Floats, size: int) -> list[Floats]:
+    def batches(self, indices: Ints, size: int) -> list[Ints]:
         return self.source.batches(indices, size)
 
 
@@ -152,7 +152,7 @@ def _encoded(
         yield int(camera.stamps[k]), number, k, form, data
 
 
-def _encode(image: Floats, form: ImageFormat, quality: int) -> bytes:
+def _encode(image: Picture, form: ImageFormat, quality: int) -> bytes:
     if form == "jpeg":
         return cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, quality])[1].tobytes()
     return cv2.imencode(".png", image, [cv2.IMWRITE_PNG_COMPRESSION, _PNG_LEVEL])[1].tobytes()

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from quadrig.io.recording.image_message import Payload
-from quadrig.single.arrays import Floats
+from quadrig.single.arrays import Picture
 
 # Channels, bytes of a sample, and OpenCV's conversions to grey and to BGR (None: leave as it is).
 _PACKED = {
@@ -57,7 +57,7 @@ def is_depth(encoding: str) -> bool:
     return any(word in encoding.lower() for word in _DEPTH)
 
 
-def decode_image(payload: Payload, gray: bool = True, shrink: int = 1) -> Floats:
+def decode_image(payload: Payload, gray: bool = True, shrink: int = 1) -> Picture:
     """The image (H, W) uint8, or (H, W, 3) uint8 in BGR where not gray, at 1/shrink of its size (1, 2, 4 or 8).
 
     Raises UndecodableImage.
@@ -71,7 +71,7 @@ def decode_image(payload: Payload, gray: bool = True, shrink: int = 1) -> Floats
         raise UndecodableImage(f"{len(payload.data)} bytes are no {size} image") from error
 
 
-def decode_file(data: bytes, gray: bool = True, shrink: int = 1) -> Floats:
+def decode_file(data: bytes, gray: bool = True, shrink: int = 1) -> Picture:
     """The image of the bytes of a JPEG, PNG, WebP, TIFF, PGM... file, as decode_image gives it.
 
     A JPEG is shrunk while it is decoded, which saves most of the work.
@@ -86,20 +86,20 @@ def decode_file(data: bytes, gray: bool = True, shrink: int = 1) -> Floats:
     return _eight_bits(image)
 
 
-def shrunk(image: Floats, shrink: int) -> Floats:
+def shrunk(image: Picture, shrink: int) -> Picture:
     """The image at 1/shrink of its size, each pixel the mean of those it stands for."""
     if shrink == 1:
         return image
     size = (-(-image.shape[1] // shrink), -(-image.shape[0] // shrink))
-    return cv2.resize(image, size, interpolation=cv2.INTER_AREA)
+    return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8)
 
 
-def _decode_raw(payload: Payload, gray: bool) -> Floats:
+def _decode_raw(payload: Payload, gray: bool) -> Picture:
     encoding = _SAME_AS.get(payload.encoding, payload.encoding)
     if encoding in _PLANAR:
         to_gray, to_bgr = _PLANAR[encoding]
         image = _rows(payload, payload.height * 3 // 2, payload.width)
-        return cv2.cvtColor(image, to_gray if gray else to_bgr)
+        return np.asarray(cv2.cvtColor(image, to_gray if gray else to_bgr), np.uint8)
     wide = encoding.startswith("bayer_") and encoding.endswith("16")
     name = encoding.removesuffix("16").removesuffix("8") if encoding.startswith("bayer_") else encoding
     if name not in _PACKED:
@@ -112,10 +112,10 @@ def _decode_raw(payload: Payload, gray: bool) -> Floats:
         image = _eight_bits(image.view(">u2" if payload.big_endian else "<u2").astype(np.uint16))
     image = image.reshape(payload.height, payload.width, channels) if channels > 1 else image
     conversion = to_gray if gray else to_bgr
-    return np.ascontiguousarray(image) if conversion is None else cv2.cvtColor(image, conversion)
+    return np.ascontiguousarray(image if conversion is None else cv2.cvtColor(image, conversion), np.uint8)
 
 
-def _rows(payload: Payload, rows: int, row_bytes: int) -> Floats:
+def _rows(payload: Payload, rows: int, row_bytes: int) -> Picture:
     """(rows, row_bytes) uint8 without the padding at the end of each row."""
     step = payload.step if payload.step >= row_bytes else row_bytes
     flat = np.frombuffer(payload.data, np.uint8)
@@ -126,10 +126,10 @@ def _rows(payload: Payload, rows: int, row_bytes: int) -> Floats:
     return np.ascontiguousarray(flat[: rows * step].reshape(rows, step)[:, :row_bytes])
 
 
-def _eight_bits(image: Floats) -> Floats:
+def _eight_bits(image: np.ndarray) -> Picture:
     """The upper eight of the bits in use: sensors put 10, 12 or 14 of them into sixteen."""
-    if image.dtype == np.uint8:
-        return image
-    if image.dtype != np.uint16:
+    if image.dtype == np.uint16:
+        image = image >> max(0, int(image.max(initial=0)).bit_length() - 8)
+    elif image.dtype != np.uint8:
         raise UndecodableImage(f"samples are {image.dtype}, not 8 or 16 bits")
-    return (image >> max(0, int(image.max(initial=0)).bit_length() - 8)).astype(np.uint8)
+    return image.astype(np.uint8, copy=False)

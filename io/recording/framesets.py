@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from quadrig.io.recording.recorded_cameras import Recording
-from quadrig.single.arrays import Floats
+from quadrig.single.arrays import Ints
 from quadrig.single.errors import QuadrigError
 
 NO_FRAME = -1
@@ -35,19 +35,19 @@ class Framesets:
     """
 
     cameras: tuple[str, ...]
-    times: Floats
-    frames: Floats
+    times: Ints
+    frames: Ints
     tolerance: float
     report: tuple[CameraReport, ...]
 
     def __len__(self) -> int:
         return len(self.times)
 
-    def sizes(self) -> Floats:
+    def sizes(self) -> Ints:
         """How many cameras each frameset has (S,)."""
         return np.count_nonzero(self.frames != NO_FRAME, axis=1)
 
-    def of_camera(self, camera: str) -> tuple[Floats, Floats]:
+    def of_camera(self, camera: str) -> tuple[Ints, Ints]:
         """Indices of the framesets that have an image of this camera, and of those images, by rising image."""
         column = self.frames[:, self.cameras.index(camera)]
         framesets = np.flatnonzero(column != NO_FRAME)
@@ -80,7 +80,7 @@ def build_framesets(recording: Recording, tolerance: float | None = None, quick:
     return Framesets(names, times, frames, limit / 1e9, tuple(report))
 
 
-def match_stamps(stamps: list[Floats], tolerance: int) -> tuple[Floats, Floats]:
+def match_stamps(stamps: list[Ints], tolerance: int) -> tuple[Ints, Ints]:
     """Times (S,) and frames (S, C) of the instants of cameras with these stamps (F_c,) int64 ns.
 
     The camera with the most images sets the instants, so that a slower one joins every second or third of them;
@@ -102,7 +102,7 @@ def match_stamps(stamps: list[Floats], tolerance: int) -> tuple[Floats, Floats]:
     return times, frames
 
 
-def _nearest_pairs(times: Floats, stamps: Floats, tolerance: int) -> tuple[Floats, Floats]:
+def _nearest_pairs(times: Ints, stamps: Ints, tolerance: int) -> tuple[Ints, Ints]:
     """Pairs (instant, image) that are each other's nearest and within the tolerance. times rise."""
     if len(times) == 0 or len(stamps) == 0:
         return np.zeros(0, int), np.zeros(0, int)
@@ -116,7 +116,7 @@ def _nearest_pairs(times: Floats, stamps: Floats, tolerance: int) -> tuple[Float
     return nearest[images], images
 
 
-def _nearest(times: Floats, stamps: Floats) -> Floats:
+def _nearest(times: Ints, stamps: Ints) -> Ints:
     """Index of the nearest of the rising times to each stamp."""
     after = np.clip(np.searchsorted(times, stamps), 1, max(len(times) - 1, 1))
     before = after - 1
@@ -124,7 +124,7 @@ def _nearest(times: Floats, stamps: Floats) -> Floats:
     return np.where(np.abs(times[after] - stamps) < np.abs(times[before] - stamps), after, before)
 
 
-def _own_tolerance(stamps: list[Floats]) -> int:
+def _own_tolerance(stamps: list[Ints]) -> int:
     """Half the median interval of the camera with the most images, ns: farther off, its next image is nearer."""
     fullest = np.sort(max(stamps, key=len))
     intervals = np.diff(fullest)

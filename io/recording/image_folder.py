@@ -9,7 +9,7 @@ import numpy as np
 
 from quadrig.io.recording.decode_image import UndecodableImage, decode_file
 from quadrig.io.recording.image_source import even_batches
-from quadrig.single.arrays import Floats
+from quadrig.single.arrays import Ints, Picture
 from quadrig.single.errors import QuadrigError
 
 IMAGE_SUFFIXES = {".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp", ".pgm", ".ppm"}
@@ -24,7 +24,7 @@ class ImageFiles:
     """Image files in the order of their numbers. numbers (N,): of their names, or 0, 1, 2... where they have none."""
 
     paths: tuple[Path, ...]
-    numbers: Floats
+    numbers: Ints
 
     def __len__(self) -> int:
         return len(self.paths)
@@ -34,22 +34,22 @@ class ImageFiles:
         """The files' kind: jpg, png..."""
         return self.paths[0].suffix.lower().lstrip(".")
 
-    def stamps(self) -> Floats:
+    def stamps(self) -> Ints:
         """As ImageSource has it: times where the names are times, else image number k at k seconds."""
         digits = len(str(int(self.numbers.max(initial=0))))
         if digits >= _NANOSECOND_DIGITS:
             return self.numbers
         return self.numbers * (1000 if digits >= _MICROSECOND_DIGITS else 10**9)
 
-    def quick_stamps(self) -> Floats:
+    def quick_stamps(self) -> Ints:
         """As ImageSource has it."""
         return self.stamps()
 
-    def part(self, indices: Floats) -> "ImageFiles":
+    def part(self, indices: Ints) -> "ImageFiles":
         """As ImageSource has it."""
         return ImageFiles(tuple(self.paths[k] for k in indices), self.numbers[indices])
 
-    def images(self, gray: bool = True, shrink: int = 1) -> Iterator[Floats | None]:
+    def images(self, gray: bool = True, shrink: int = 1) -> Iterator[Picture | None]:
         """As ImageSource has it."""
         for path in self.paths:
             try:
@@ -57,7 +57,7 @@ class ImageFiles:
             except (UndecodableImage, OSError):
                 yield None
 
-    def batches(self, indices: Floats, size: int) -> list[Floats]:
+    def batches(self, indices: Ints, size: int) -> list[Ints]:
         """As ImageSource has it."""
         return even_batches(indices, size)
 
@@ -87,7 +87,7 @@ def read_image_folder(folder: Path) -> ImageFiles:
     return image_files(paths)
 
 
-def _numbers(stems: Sequence[str]) -> Floats:
+def _numbers(stems: Sequence[str]) -> Ints:
     """The number that tells the images apart: the last group of digits that differs in every one."""
     groups = [re.findall(r"\d+", stem) for stem in stems]
     counts = {len(group) for group in groups}

@@ -13,7 +13,7 @@ import numpy as np
 from quadrig.io.recording.decode_image import decode_image
 from quadrig.io.recording.image_message import STAMP_BYTES, Payload, read_payload, read_stamp, stamp_of_whole
 from quadrig.io.recording.mcap_reader import McapBytes, TopicMessages
-from quadrig.single.arrays import Floats
+from quadrig.single.arrays import Ints, Picture
 
 
 class ImageSource(Protocol):
@@ -29,31 +29,31 @@ class ImageSource(Protocol):
         """How the images are stored: jpeg, png, bgr8, h264..."""
         ...
 
-    def stamps(self) -> Floats:
+    def stamps(self) -> Ints:
         """Time of each image (N,) int64 ns: the message's own stamp, else the time of its recording."""
         ...
 
-    def quick_stamps(self) -> Floats:
+    def quick_stamps(self) -> Ints:
         """As stamps, but of what needs no reading of the images: the time of recording may have to do."""
         ...
 
-    def part(self, indices: Floats) -> "ImageSource":
+    def part(self, indices: Ints) -> "ImageSource":
         """The images of these rising indices alone."""
         ...
 
-    def images(self, gray: bool = True, shrink: int = 1) -> Iterator[Floats | None]:
+    def images(self, gray: bool = True, shrink: int = 1) -> Iterator[Picture | None]:
         """Every image (H, W) or (H, W, 3) BGR uint8 in turn, one in memory at a time; None where it is unreadable.
 
         shrink: at 1/2, 1/4 or 1/8 of its size, for a quick look.
         """
         ...
 
-    def batches(self, indices: Floats, size: int) -> list[Floats]:
+    def batches(self, indices: Ints, size: int) -> list[Ints]:
         """Split rising indices into parts of about `size`, where the images can be entered well."""
         ...
 
 
-def even_batches(indices: Floats, size: int) -> list[Floats]:
+def even_batches(indices: Ints, size: int) -> list[Ints]:
     """Parts of `size` indices."""
     return [indices[start : start + size] for start in range(0, len(indices), size)]
 
@@ -66,8 +66,8 @@ class McapMessages:
     """
 
     topics: tuple[TopicMessages, ...]
-    files: Floats
-    messages: Floats
+    files: Ints
+    messages: Ints
 
     @staticmethod
     def of(topics: Sequence[TopicMessages]) -> "McapMessages":
@@ -90,7 +90,7 @@ class McapMessages:
         """The name of the messages' schema."""
         return self.topics[0].schema
 
-    def part(self, indices: Floats) -> "McapMessages":
+    def part(self, indices: Ints) -> "McapMessages":
         """The messages of these indices alone."""
         files, messages = self.files[indices], self.messages[indices]
         topics = []
@@ -110,11 +110,11 @@ class McapMessages:
         """The image of a message. Raises ValueError where the bytes are not such a message."""
         return read_payload(self.message_encoding, self.schema, self.data(index))
 
-    def stamps(self) -> Floats:
+    def stamps(self) -> Ints:
         """Time of each message (N,) int64 ns: its own stamp, or its log time where that is unset."""
         return np.array([self._stamp(index) for index in range(len(self))], np.int64)
 
-    def quick_stamps(self) -> Floats:
+    def quick_stamps(self) -> Ints:
         """Log time of each message (N,) int64 ns."""
         log_times = np.zeros(len(self), np.int64)
         for k, topic in enumerate(self.topics):
@@ -142,19 +142,19 @@ class McapImages:
     def __len__(self) -> int:
         return len(self.messages)
 
-    def stamps(self) -> Floats:
+    def stamps(self) -> Ints:
         """As ImageSource has it."""
         return self.messages.stamps()
 
-    def quick_stamps(self) -> Floats:
+    def quick_stamps(self) -> Ints:
         """As ImageSource has it."""
         return self.messages.quick_stamps()
 
-    def part(self, indices: Floats) -> "McapImages":
+    def part(self, indices: Ints) -> "McapImages":
         """As ImageSource has it."""
         return McapImages(self.messages.part(indices), self.encoding)
 
-    def images(self, gray: bool = True, shrink: int = 1) -> Iterator[Floats | None]:
+    def images(self, gray: bool = True, shrink: int = 1) -> Iterator[Picture | None]:
         """As ImageSource has it."""
         for index in range(len(self)):
             try:
@@ -162,7 +162,7 @@ class McapImages:
             except (ValueError, AttributeError, struct.error):
                 yield None
 
-    def batches(self, indices: Floats, size: int) -> list[Floats]:
+    def batches(self, indices: Ints, size: int) -> list[Ints]:
         """As ImageSource has it."""
         return even_batches(indices, size)
 

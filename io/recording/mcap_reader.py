@@ -19,7 +19,7 @@ from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 from mcap.records import Channel, Footer, Schema, Statistics
 
-from quadrig.single.arrays import Floats
+from quadrig.single.arrays import Ints
 from quadrig.single.errors import QuadrigError
 
 MAGIC = b"\x89MCAP0\r\n"
@@ -48,14 +48,14 @@ class TopicMessages:
     topic: str
     encoding: str
     schema: str
-    log_times: Floats
-    chunks: Floats
-    offsets: Floats
+    log_times: Ints
+    chunks: Ints
+    offsets: Ints
 
     def __len__(self) -> int:
         return len(self.log_times)
 
-    def part(self, indices: Floats) -> "TopicMessages":
+    def part(self, indices: Ints) -> "TopicMessages":
         """The messages of these indices alone: little to send to another process."""
         log_times, chunks, offsets = self.log_times[indices], self.chunks[indices], self.offsets[indices]
         return TopicMessages(self.path, self.topic, self.encoding, self.schema, log_times, chunks, offsets)
@@ -206,7 +206,7 @@ class _Scan:
 
     def topics(self) -> tuple[TopicMessages, ...]:
         """The topics found, those of several writers joined, in the order of their names."""
-        parts: dict[tuple[str, str, str], list[Floats]] = {}
+        parts: dict[tuple[str, str, str], list[Ints]] = {}
         for channel in self.channels.values():
             schema = self.schemas.get(channel.schema_id)
             key = (channel.topic, channel.message_encoding, schema.name if schema else "")
@@ -323,7 +323,7 @@ def _read_chunk_index(data: bytes) -> tuple[int, int, int]:
     return start, start + length, index_length
 
 
-def _places(entries: list[tuple[int, bytes]]) -> Floats:
+def _places(entries: list[tuple[int, bytes]]) -> Ints:
     """Log time, chunk and offset (N, 3) int64 of the messages of these index entries."""
     flat = np.frombuffer(b"".join(data for _, data in entries), "<u8").reshape(-1, 2).astype(np.int64)
     counts = [len(data) // _INDEX_ENTRY_BYTES for _, data in entries]

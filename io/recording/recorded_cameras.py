@@ -14,7 +14,7 @@ from quadrig.io.recording.image_message import holds_images, holds_lenses, holds
 from quadrig.io.recording.image_source import ImageSource, McapImages, McapMessages
 from quadrig.io.recording.mcap_reader import McapIndex, TopicMessages, index_mcap
 from quadrig.io.recording.video import VIDEO_SUFFIXES, McapVideo, read_video
-from quadrig.single.arrays import Floats
+from quadrig.single.arrays import Ints, Picture
 from quadrig.single.errors import QuadrigError
 from quadrig.single.lens import Intrinsics
 
@@ -49,7 +49,7 @@ class RecordedCamera:
         return self.source.encoding
 
     @cached_property
-    def stamps(self) -> Floats:
+    def stamps(self) -> Ints:
         """Time of each image (F,) int64 ns."""
         return self.source.stamps()
 
@@ -76,7 +76,7 @@ class Recording:
                 return camera
         raise KeyError(name)
 
-    def frame(self, camera: str, index: int, gray: bool = False) -> Floats:
+    def frame(self, camera: str, index: int, gray: bool = False) -> Picture:
         """One image, (H, W, 3) BGR or (H, W) grey uint8. Raises QuadrigError where it cannot be read."""
         image = next(self.camera(camera).source.part(np.array([index])).images(gray), None)
         if image is None:
@@ -202,6 +202,7 @@ def _camera_of_topic(
     name: str, topics: Sequence[TopicMessages], asked: bool, notes: list[str]
 ) -> RecordedCamera | None:
     messages = McapMessages.of(topics)
+    reason = "there are none"
     for index in range(min(_FIRST_IMAGES, len(messages))):
         try:
             payload = messages.payload(index)

@@ -11,7 +11,7 @@ import numpy as np
 
 from quadrig.io.recording.decode_image import shrunk
 from quadrig.io.recording.image_source import McapMessages
-from quadrig.single.arrays import Floats
+from quadrig.single.arrays import Ints, Picture
 from quadrig.single.errors import QuadrigError
 
 VIDEO_SUFFIXES = {".mp4", ".avi", ".mkv", ".mov", ".webm", ".m4v", ".mpg", ".mpeg", ".ts"}
@@ -47,33 +47,33 @@ class VideoFile:
 
     path: Path
     encoding: str
-    times: Floats
+    times: Ints
     time_base: float
-    keys: Floats
+    keys: Ints
     counted: bool = False
 
     def __len__(self) -> int:
         return len(self.times)
 
-    def stamps(self) -> Floats:
+    def stamps(self) -> Ints:
         """As ImageSource has it, from the start of the video."""
         return np.round(self.times * (self.time_base * 1e9)).astype(np.int64)
 
-    def quick_stamps(self) -> Floats:
+    def quick_stamps(self) -> Ints:
         """As ImageSource has it."""
         return self.stamps()
 
-    def part(self, indices: Floats) -> "VideoFile":
+    def part(self, indices: Ints) -> "VideoFile":
         """As ImageSource has it."""
         # Where to begin is found by time, so the part needs no key frames of its own.
         none = np.zeros(0, np.int64)
         return VideoFile(self.path, self.encoding, self.times[indices], self.time_base, none, self.counted)
 
-    def images(self, gray: bool = True, shrink: int = 1) -> Iterator[Floats | None]:
+    def images(self, gray: bool = True, shrink: int = 1) -> Iterator[Picture | None]:
         """As ImageSource has it."""
         yield from _pick(self._frames(), self.times, gray, shrink)
 
-    def batches(self, indices: Floats, size: int) -> list[Floats]:
+    def batches(self, indices: Ints, size: int) -> list[Ints]:
         """As ImageSource has it."""
         if self.counted:
             return [indices] if len(indices) else []
@@ -100,41 +100,43 @@ class McapVideo:
 
     messages: McapMessages
     encoding: str
-    wanted: Floats | None = field(default=None)
+    wanted: Ints | None = field(default=None)
 
     def __len__(self) -> int:
         return len(self.messages) if self.wanted is None else len(self.wanted)
 
     @cached_property
-    def keys(self) -> Floats:
+    def keys(self) -> Ints:
         """Indices of the messages at which decoding can begin."""
         keys = [k for k in range(len(self.messages)) if k == 0 or self._is_key(k)]
         return np.array(keys, np.int64)
 
-    def stamps(self) -> Floats:
+    def stamps(self) -> Ints:
         """As ImageSource has it."""
         stamps = self.messages.stamps()
         return stamps if self.wanted is None else stamps[self.wanted]
 
-    def quick_stamps(self) -> Floats:
+    def quick_stamps(self) -> Ints:
         """As ImageSource has it."""
         stamps = self.messages.quick_stamps()
         return stamps if self.wanted is None else stamps[self.wanted]
 
-    def part(self, indices: Floats) -> "McapVideo":
+    def part(self, indices: Ints) -> "McapVideo":
         """As ImageSource has it: from the key frame before the first to the last."""
         indices = np.asarray(indices)
         if len(indices) == 0:
             return McapVideo(self.messages.part(indices), self.encoding)
         first = self.keys[np.searchsorted(self.keys, indices[0], side="right") - 1]
-        return McapVideo(self.messages.part(np.arange(first, indices[-1] + 1)), self.encoding, indices - first)
+        return McapVideo(
+            self.messages.part(np.arange(int(first), int(indices[-1]) + 1)), self.encoding, indices - first
+        )
 
-    def images(self, gray: bool = True, shrink: int = 1) -> Iterator[Floats | None]:
+    def images(self, gray: bool = True, shrink: int = 1) -> Iterator[Picture | None]:
         """As ImageSource has it."""
         wanted = np.arange(len(self.messages)) if self.wanted is None else self.wanted
         yield from _pick(((frame.pts, frame) for frame in self._frames()), wanted, gray, shrink)
 
-    def batches(self, indices: Floats, size: int) -> list[Floats]:
+    def batches(self, indices: Ints, size: int) -> list[Ints]:
         """As ImageSource has it."""
         return _batches_at(self.keys, indices, size)
 
@@ -182,7 +184,7 @@ def read_video(path: Path) -> VideoFile:
     return VideoFile(path, name, times[order], float(base), keys)
 
 
-def _pick(frames: Iterator[tuple[int, Any]], wanted: Floats, gray: bool, shrink: int) -> Iterator[Floats | None]:
+def _pick(frames: Iterator[tuple[int, Any]], wanted: Ints, gray: bool, shrink: int) -> Iterator[Picture | None]:
     """The images at the wanted, rising times; None for those that do not come."""
     position = 0
     for time, frame in frames:
@@ -198,7 +200,7 @@ def _pick(frames: Iterator[tuple[int, Any]], wanted: Floats, gray: bool, shrink:
         yield None
 
 
-def _array(frame: Any, gray: bool) -> Floats:
+def _array(frame: Any, gray: bool) -> Picture:
     if not gray:
         return frame.to_ndarray(format="bgr24")
     if frame.format.name not in _LUMA_FIRST:
@@ -208,7 +210,7 @@ def _array(frame: Any, gray: bool) -> Floats:
     return rows[: frame.height, : frame.width].copy()
 
 
-def _batches_at(keys: Floats, indices: Floats, size: int) -> list[Floats]:
+def _batches_at(keys: Ints, indices: Ints, size: int) -> list[Ints]:
     """Batches that begin at key frames, so that no frame is decoded twice, as far as that keeps them short."""
     groups = np.searchsorted(keys, indices, side="right")
     batches: list[list[int]] = [[]]

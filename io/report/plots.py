@@ -118,7 +118,7 @@ def steps(rig: Rig) -> str:
     low, high = (float(costs.min()), float(costs.max())) if len(costs) else (0.0, 1.0)
     plot = Plot((0, max(len(costs) - 1, 1)), (low, high), 520, 200, "step", "log10 cost")
     if len(costs):
-        points = np.column_stack([np.arange(len(costs)), costs])
+        points = np.column_stack([np.arange(len(costs), dtype=float), costs])
         plot.line(points, hexadecimal(FINE))
         plot.dots(points, hexadecimal(FINE), 2)
     return plot.svg("cost of the adjustment by step")

@@ -13,7 +13,7 @@ from quadrig.io.recording.recorded_cameras import Recording
 from quadrig.io.search.effort import EVERY_IMAGE, Effort
 from quadrig.io.workers import run_tasks
 from quadrig.rig.coach.select_frames import Looks, choose_framesets
-from quadrig.single.arrays import Floats
+from quadrig.single.arrays import Floats, Ints
 
 # A JPEG shrinks to a quarter while it is decoded, in a third of the time; motion and focus still show.
 _SHRINK = 4
@@ -27,7 +27,7 @@ _SMALL_SHARE, _MANY = 0.2, 100
 @dataclass(frozen=True, eq=False)
 class _Batch:
     camera: int
-    images: Floats
+    images: Ints
     source: ImageSource
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from quadrig.io.recording.image_folder import folder_images
 from quadrig.io.recording.mcap_reader import McapBytes, index_mcap
 from quadrig.io.recording.recorded_cameras import RecordedCamera, Recording
-from quadrig.single.arrays import Floats
+from quadrig.single.arrays import Ints
 from quadrig.single.errors import QuadrigError
 from quadrig.single.rectangle import Rectangle
 from quadrig.single.view import View
@@ -112,7 +112,7 @@ class DetectionWriter:
 
 @contextmanager
 def keep_detections(
-    path: Path, keys: Mapping[str, str], kept: Found, stamps: Mapping[str, Floats]
+    path: Path, keys: Mapping[str, str], kept: Found, stamps: Mapping[str, Ints]
 ) -> Iterator[DetectionWriter]:
     """A DetectionWriter for `path` that has what was kept before; the file appears whole, also when interrupted.
 

@@ -14,7 +14,7 @@ from quadrig.io.recording.recorded_cameras import Recording
 from quadrig.io.search.detection_file import Found, camera_key, keep_detections, read_detections
 from quadrig.io.search.effort import EVERY_IMAGE, Effort
 from quadrig.io.workers import run_tasks
-from quadrig.single.arrays import Floats
+from quadrig.single.arrays import Ints
 from quadrig.single.detect.image_search import detect_views
 from quadrig.single.rectangle import Rectangle
 from quadrig.single.view import View
@@ -42,7 +42,7 @@ class Detections:
 @dataclass(frozen=True, eq=False)
 class _Batch:
     camera: str
-    images: Floats
+    images: Ints
     source: ImageSource
     rectangles: tuple[Rectangle, ...]
 
@@ -76,7 +76,7 @@ def find_detections(
 
 
 def search_images(
-    source: ImageSource, images: Floats, rectangles: Sequence[Rectangle]
+    source: ImageSource, images: Ints, rectangles: Sequence[Rectangle]
 ) -> list[tuple[View, ...] | None]:
     """The Views of each image of a source, whose indices in the recording are given; None where it is unreadable.
 
