@@ -119,7 +119,7 @@ def main() -> None:
         for name, kept in shares.items():
             views = [view for view in one.views if view.frameset in set(kept)]
             rig = calibrate(one.made.inputs, one.made.rectangles, views, "cam0")
-            seen = judge(one.made, rig) if len(rig.cameras) == len(one.made.inputs) else (np.inf,) * 3
+            seen = judge(one.made, rig) if len(rig.cameras) == len(one.made.inputs) else (np.inf, np.inf, np.inf)
             table.setdefault(name.split(" from")[0], []).append(seen)
     whole = np.median(table["whole"], axis=0)
     print(f"medians of {rigs} rigs          place mm   its sigma mm   focal %   sigma over the whole's")

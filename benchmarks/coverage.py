@@ -21,7 +21,7 @@ from simulated import HEIGHT, WIDTH, Simulated, simulate, usual_scene
 from quadrig.rig.calibration import calibrate
 from quadrig.rig.doubt.working_accuracy import covered_points, rigid_part, triangulation_shape
 from quadrig.rig.result import Rig
-from quadrig.single.arrays import Floats
+from quadrig.single.arrays import Floats, Mask
 from quadrig.single.errors import QuadrigError
 from quadrig.single.lens import LENS_PARAMETERS, project, project_with_derivatives
 
@@ -45,9 +45,8 @@ def triangulated(made: Simulated, rig: Rig, points: Floats) -> Floats:
             true = made.world_from_camera[index].inverse() @ world_from_rig
             pixels = project(made.lenses[index], true.transform(points))
             camera_from_rig = camera.rig_from_camera.inverse()
-            sees = _inside(project(camera.intrinsics.parameters, camera_from_rig.transform(points))) & np.isfinite(
-                pixels
-            ).all(axis=1)
+            sees = _inside(project(camera.intrinsics.parameters, camera_from_rig.transform(points)))
+            sees &= np.isfinite(pixels).all(axis=1)
             seen, _, by_point = project_with_derivatives(
                 camera.intrinsics.parameters, camera_from_rig.transform(found)
             )
@@ -59,9 +58,9 @@ def triangulated(made: Simulated, rig: Rig, points: Floats) -> Floats:
     return found
 
 
-def _inside(pixels: Floats) -> Floats:
+def _inside(pixels: Floats) -> Mask:
     with np.errstate(invalid="ignore"):
-        return ((pixels >= 0) & (pixels <= [WIDTH - 1, HEIGHT - 1])).all(axis=1)
+        return np.all((pixels >= 0) & (pixels <= [WIDTH - 1, HEIGHT - 1]), axis=1)
 
 
 def _holds(error: Floats, covariance: Floats) -> float:

@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 
 from quadrig.io.demo.scene import demo_scene
-from quadrig.single.arrays import Floats
+from quadrig.single.arrays import Floats, Picture
 from quadrig.single.detect.dictionaries import tag_dictionary
 from quadrig.single.detect.image_search import detect_views
 from quadrig.single.marking import CharucoMarking, TagMarking, board_points, charuco_tag_squares
@@ -34,7 +34,7 @@ class Shot:
     """A picture and where every rectangle's points truly are in it."""
 
     camera: int
-    image: Floats
+    image: Picture
     project: dict[str, Callable[[Floats], Floats]]
 
 
@@ -87,7 +87,7 @@ class PlainLoop:
                 self._boards.append((rectangle, cv2.aruco.CharucoDetector(board)))
         self._detectors = {name: cv2.aruco.ArucoDetector(tag_dictionary(name), parameters) for name in self._tags}
 
-    def __call__(self, grey: Floats) -> Found:
+    def __call__(self, grey: Picture) -> Found:
         """All that is found in one picture."""
         found: Found = {}
         for name, detector in self._detectors.items():
@@ -95,14 +95,14 @@ class PlainLoop:
             for tag_id, quad in zip(np.ravel(ids) if ids is not None else [], quads, strict=True):
                 if int(tag_id) in self._tags[name]:
                     rectangle = self._tags[name][int(tag_id)]
-                    found[rectangle.name] = (rectangle.corners, quad.reshape(4, 2)[[2, 3, 0, 1]])
+                    found[rectangle.name] = (rectangle.corners, np.asarray(quad.reshape(4, 2)[[2, 3, 0, 1]], float))
         for rectangle, detector in self._boards:
             corners, ids, _, _ = detector.detectBoard(grey)
             if ids is not None and len(ids) >= 4:
                 marking = rectangle.marking
                 assert isinstance(marking, CharucoMarking)
-                points = board_points(marking.columns, marking.rows, marking.square)[np.ravel(ids)]
-                found[rectangle.name] = (points, corners.reshape(-1, 2))
+                points = board_points(marking.columns, marking.rows, marking.square)[np.ravel(ids).astype(int)]
+                found[rectangle.name] = (points, np.asarray(corners.reshape(-1, 2), float))
         return found
 
 

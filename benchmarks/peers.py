@@ -48,13 +48,13 @@ def _first_poses(
             _, matrix, _, turns, places = cv2.calibrateCamera(points, pixels, size, None, None, flags=flags)
             focals[index] = matrix[0, 0]
             for view, turn, place in zip(own, turns, places, strict=True):
-                poses[camera.name, view.frameset] = Pose(cv2.Rodrigues(turn)[0], place.ravel())
+                poses[camera.name, view.frameset] = _opencv_pose(turn, place)
             continue
         matrix = cv2.initCameraMatrix2D(points, pixels, (camera.width, camera.height), 1.0)
         focals[index] = matrix[0, 0]
         for view in own:
             _, turn, place = cv2.solvePnP(view.points, view.pixels, matrix, None, flags=cv2.SOLVEPNP_IPPE)
-            poses[camera.name, view.frameset] = Pose(cv2.Rodrigues(turn)[0], place.ravel())
+            poses[camera.name, view.frameset] = _opencv_pose(turn, place)
     return focals, poses
 
 
@@ -180,11 +180,14 @@ def multiview(cameras: Sequence[CameraInput], views: Sequence[View], bent: bool)
         [],
         flagsForIntrinsics=flags,
     )
-    found = [
-        Pose(t if t.shape == (3, 3) else cv2.Rodrigues(t)[0], p.ravel()).inverse()
-        for t, p in zip(turns, places, strict=True)
-    ]
+    found = [_opencv_pose(turn, place).inverse() for turn, place in zip(turns, places, strict=True)]
     return Peer(np.array([m[0, 0] for m in matrices]), _stack(found))
+
+
+def _opencv_pose(turn: np.ndarray, place: np.ndarray) -> Pose:
+    """The pose of OpenCV's turn, a vector or a matrix (3, 3), and place."""
+    matrix = turn if turn.shape == (3, 3) else cv2.Rodrigues(turn)[0]
+    return Pose(np.asarray(matrix, float), np.asarray(place, float).ravel())
 
 
 def _stack(poses: Sequence[Pose]) -> Pose:

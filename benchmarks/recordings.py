@@ -117,7 +117,7 @@ def plain_search(block: tuple[str, str, int, int]) -> list[Found]:
     name, camera, begin, end = block
     source = open_recording([Path(name)]).camera(camera).source.part(np.arange(begin, end))
     plain = PlainLoop(demo_scene(FRAMESETS).rectangles)
-    return [plain(image) for image in source.images()]
+    return [{} if image is None else plain(image) for image in source.images()]
 
 
 def compare_corners(plain: dict[tuple[str, int], Found], views: Sequence[View]) -> None:
@@ -239,6 +239,7 @@ def large(path: Path) -> None:
     import psutil
 
     from quadrig.io.recording.framesets import NO_FRAME, build_framesets
+    from quadrig.io.recording.image_source import McapImages
     from quadrig.io.recording.recorded_cameras import open_recording
     from quadrig.io.search.choose_frames import choose_frames
     from quadrig.io.search.detections import find_detections
@@ -250,11 +251,13 @@ def large(path: Path) -> None:
         output = Path(folder) / "large.mcap"
         with output.open("wb") as stream:
             write, finish = image_writer(stream, "foxglove")
+            sources = {camera.name: camera.source for camera in opened.cameras}
             for k in range(times):
                 for n in range(FRAMESETS):
-                    for camera in opened.cameras:
+                    for name, source in sources.items():
+                        assert isinstance(source, McapImages)
                         stamp = START + round((k * FRAMESETS + n) * PERIOD * 1e9)
-                        write(camera.name, stamp, "jpeg", camera.source.messages.payload(n).data)
+                        write(name, stamp, "jpeg", source.messages.payload(n).data)
             finish()
         print(f"{output.stat().st_size / 2**30:.2f} GiB")
         most = [0.0]

@@ -124,7 +124,7 @@ def solvers(name: str) -> dict[str, Callable[[Task], Peer]]:
             found[f"pycolmap, {lens}"] = lambda task, told=told: pycolmap_rig(task.cameras, task.views, told)
             if told == bent:
                 usual = f"pycolmap after calibrateCamera, {lens}"
-                found[usual] = lambda task, told=told: pycolmap_rig(task.cameras, task.views, told, True)
+                found[usual] = lambda task, told=told: pycolmap_rig(task.cameras, task.views, told, usual=True)
         found[f"calibrateMultiview, {lens}"] = lambda task, told=told: multiview(task.cameras, task.views, told)
     return found
 
@@ -165,9 +165,9 @@ def main() -> None:
         os.execve(sys.executable, [sys.executable, *sys.argv], {**os.environ, **_ONE_THREAD})
     cv2.setNumThreads(1)
     table = Table(title=f"Views to rig, one thread, processor time, least of {_RUNS} runs in turn")
-    for column, justify in (("file", "left"), ("solver", "left"), ("ms", "right"), ("times quadrig's", "right")):
-        table.add_column(column, justify=justify)
-    for column in ("focal %", "rotation deg", "centre mm"):
+    for column in ("file", "solver"):
+        table.add_column(column)
+    for column in ("ms", "times quadrig's", "focal %", "rotation deg", "centre mm"):
         table.add_column(column, justify="right")
     for file in FILES:
         task = load(file)

@@ -62,7 +62,7 @@ def opencv(corners: np.ndarray) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--batch", type=int, default=100_000)
     batch = parser.parse_args().batch
     cv2.setNumThreads(1)

@@ -156,7 +156,8 @@ def main() -> None:
 
 
 def _mean(every: list[Errors]) -> tuple[float, float, float]:
-    return tuple(float(np.mean([getattr(e, name) for e in every])) for name in ("focal", "rotation", "centre"))
+    focal, rotation, centre = np.mean([(e.focal, e.rotation, e.centre) for e in every], axis=0).tolist()
+    return focal, rotation, centre
 
 
 if __name__ == "__main__":

@@ -343,7 +343,7 @@ def zhang_angles(rotation: np.ndarray) -> np.ndarray:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--runs", type=int, default=1000, help="runs for each noise of Table 2")
     beside = Path(__file__).resolve().parents[2] / "shared" / "data" / "zhang"
     parser.add_argument("--zhang", type=Path, default=beside, help="folder of the Microsoft data set")

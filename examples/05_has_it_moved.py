@@ -59,7 +59,10 @@ def halved(matrix: list) -> np.ndarray:
 def undistorted(picture: Path, matrix: np.ndarray, distortion: np.ndarray) -> np.ndarray:
     """A picture, half as large, as the camera of given_rig would have taken it."""
     maps = cv2.initUndistortRectifyMap(matrix, distortion, np.eye(3), matrix, (WIDTH, HEIGHT), cv2.CV_32FC1)
-    return cv2.remap(cv2.imread(str(picture), cv2.IMREAD_REDUCED_GRAYSCALE_2), *maps, cv2.INTER_LINEAR)
+    taken = cv2.imread(str(picture), cv2.IMREAD_REDUCED_GRAYSCALE_2)
+    if taken is None:
+        raise SystemExit(f"{picture}: not a picture that can be read")
+    return cv2.remap(taken, *maps, cv2.INTER_LINEAR)
 
 
 def main() -> int:

@@ -58,7 +58,7 @@ Person = Callable[[np.random.Generator, Room, Advice, Rig | None], Pose]
 
 def main() -> None:
     """Print, for each rig, the framesets that each person needed."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
     parser.add_argument("--rigs", type=int, default=6)
     parser.add_argument("--target", type=float, default=TARGET, help="metres")
     options = parser.parse_args()
@@ -199,7 +199,7 @@ def triangulated(room: Room, rig: Rig, point: Floats) -> Floats | None:
         normal += across
         right += across @ camera.rig_from_camera.translation
         count += 1
-    return np.linalg.solve(normal, right) if count >= 2 else None
+    return np.asarray(np.linalg.solve(normal, right), float) if count >= 2 else None
 
 
 if __name__ == "__main__":

@@ -13,10 +13,10 @@ import numpy as np
 from quadrig.io.progress import progress_bar
 from quadrig.io.recording.image_folder import ImageFiles
 from quadrig.io.recording.image_message import ROS2_DEFINITIONS
-from quadrig.io.recording.image_source import ImageSource
+from quadrig.io.recording.image_source import Stamped
 from quadrig.io.recording.recorded_cameras import RecordedCamera
 from quadrig.io.whole_file import written_beside
-from quadrig.single.arrays import Ints, Picture
+from quadrig.single.arrays import Picture
 from quadrig.single.errors import QuadrigError
 
 MessageFormat = Literal["foxglove", "ros2"]
@@ -100,44 +100,14 @@ def _with_stamps(camera: RecordedCamera, rows: list[tuple[int, int]], table: Pat
             f"{table}: camera {camera.name!r} has {camera.frames} images but {len(rows)} rows, up to frame_index "
             f"{indices[-1]}; give the table of these videos"
         )
-    return replace(camera, source=_Stamped(camera.source.part(indices), stamps))
-
-
-@dataclass(frozen=True, eq=False)
-class _Stamped:
-    """A source with other time stamps (N,) ns."""
-
-    source: ImageSource
-    given: Ints
-
-    def __len__(self) -> int:
-        return len(self.source)
-
-    @property
-    def encoding(self) -> str:
-        return self.source.encoding
-
-    def stamps(self) -> Ints:
-        return self.given
-
-    def quick_stamps(self) -> Ints:
-        return self.given
-
-    def part(self, indices: Ints) -> "_Stamped":
-        return _Stamped(self.source.part(indices), self.given[indices])
-
-    def images(self, gray: bool = True, shrink: int = 1) -> Iterator[Picture | None]:
-        return self.source.images(gray, shrink)
-
-    def batches(self, indices: Ints, size: int) -> list[Ints]:
-        return self.source.batches(indices, size)
+    return replace(camera, source=Stamped(camera.source.part(indices), stamps))
 
 
 def _encoded(
     number: int, camera: RecordedCamera, form: ImageFormat, quality: int
 ) -> Iterator[tuple[int, int, int, str, bytes]]:
     """Stamp, camera's number, image's number, format and bytes of each image; no bytes where it is unreadable."""
-    source = camera.source.source if isinstance(camera.source, _Stamped) else camera.source
+    source = camera.source.source if isinstance(camera.source, Stamped) else camera.source
     # heapq.merge needs rising stamps from each camera.
     order = np.argsort(camera.stamps, kind="stable")
     if isinstance(source, ImageFiles) and source.encoding in _COPIED:

@@ -1,5 +1,6 @@
 """Framesets: which images of a recording belong to one instant."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -80,7 +81,7 @@ def build_framesets(recording: Recording, tolerance: float | None = None, quick:
     return Framesets(names, times, frames, limit / 1e9, tuple(report))
 
 
-def match_stamps(stamps: list[Ints], tolerance: int) -> tuple[Ints, Ints]:
+def match_stamps(stamps: Sequence[Ints], tolerance: int) -> tuple[Ints, Ints]:
     """Times (S,) and frames (S, C) of the instants of cameras with these stamps (F_c,) int64 ns.
 
     The camera with the most images sets the instants, so that a slower one joins every second or third of them;
@@ -124,7 +125,7 @@ def _nearest(times: Ints, stamps: Ints) -> Ints:
     return np.where(np.abs(times[after] - stamps) < np.abs(times[before] - stamps), after, before)
 
 
-def _own_tolerance(stamps: list[Ints]) -> int:
+def _own_tolerance(stamps: Sequence[Ints]) -> int:
     """Half the median interval of the camera with the most images, ns: farther off, its next image is nearer."""
     fullest = np.sort(max(stamps, key=len))
     intervals = np.diff(fullest)

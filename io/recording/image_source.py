@@ -167,6 +167,42 @@ class McapImages:
         return even_batches(indices, size)
 
 
+@dataclass(frozen=True, eq=False)
+class Stamped:
+    """A source with other time stamps (N,) int64 ns."""
+
+    source: ImageSource
+    given: Ints
+
+    def __len__(self) -> int:
+        return len(self.source)
+
+    @property
+    def encoding(self) -> str:
+        """As ImageSource has it."""
+        return self.source.encoding
+
+    def stamps(self) -> Ints:
+        """As ImageSource has it."""
+        return self.given
+
+    def quick_stamps(self) -> Ints:
+        """As ImageSource has it."""
+        return self.given
+
+    def part(self, indices: Ints) -> "Stamped":
+        """As ImageSource has it."""
+        return Stamped(self.source.part(indices), self.given[indices])
+
+    def images(self, gray: bool = True, shrink: int = 1) -> Iterator[Picture | None]:
+        """As ImageSource has it."""
+        return self.source.images(gray, shrink)
+
+    def batches(self, indices: Ints, size: int) -> list[Ints]:
+        """As ImageSource has it."""
+        return self.source.batches(indices, size)
+
+
 # The process is part of the key: a forked child shares the parent's place in an open file, and would lose it.
 @lru_cache(maxsize=16)
 def _open_mcap(path: Path, process: int) -> McapBytes:

@@ -50,10 +50,13 @@ def true_rectangles(rng) -> list[PlacedRectangle]:
     moving = Pose(np.broadcast_to(np.eye(3), (FRAMESETS, 3, 3)), np.tile([0.0, 0.0, 1.9], (FRAMESETS, 1)))
     desk = Rectangle("desk", 0.2, 0.2, TagMarking("apriltag_36h11", 7))
     wall = Rectangle("wall", 0.25, 0.2, TagMarking("apriltag_36h11", 9))
+    stands = Pose.from_vectors(
+        np.array([[0.9, 0.1, 0.2], [0.1, 0.3, 0.0]]), np.array([[0.2, 0.4, 1.9], [-0.4, -0.2, 2.4]])
+    )
     return [
         PlacedRectangle(board, moving.retract(steps), np.zeros((FRAMESETS, 6, 6)), np.arange(FRAMESETS)),
-        PlacedRectangle(desk, Pose.from_vectors([0.9, 0.1, 0.2], [0.2, 0.4, 1.9]), np.zeros((6, 6))),
-        PlacedRectangle(wall, Pose.from_vectors([0.1, 0.3, 0.0], [-0.4, -0.2, 2.4]), np.zeros((6, 6))),
+        PlacedRectangle(desk, stands[0], np.zeros((6, 6))),
+        PlacedRectangle(wall, stands[1], np.zeros((6, 6))),
     ]
 
 

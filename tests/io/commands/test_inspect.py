@@ -50,6 +50,7 @@ def test_a_picture_is_taken_without_a_screen(rig_path, tmp_path, monkeypatch):
     monkeypatch.setattr("quadrig.io.viewer.screenshot._SIZE", "640x400")
     assert run(["inspect", str(rig_path), "--screenshot", str(tmp_path / "x.png")]) == 0
     picture = cv2.imread(str(tmp_path / "x.png"))
+    assert picture is not None
     assert picture.shape == (400, 640, 3)
     # The room is on the left: cameras in their colours stand out from its ground and its grey grid.
     room = picture[40:230, :350].astype(int)
@@ -61,6 +62,7 @@ def test_pictures_stand_at_their_framesets(example_rig, pictures):
     assert len(found) == 4 * 12
     for frameset, camera, jpeg in found[::7]:
         grey = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_GRAYSCALE)
+        assert grey is not None
         assert abs(int(grey.mean()) - (10 + 50 * int(camera[3:]) + 3 * frameset)) <= 1
     assert len(list(rig_pictures(example_rig, (), [pictures], most=3))) == 4 * 3
 

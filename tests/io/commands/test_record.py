@@ -8,6 +8,7 @@ import pytest
 
 from quadrig.io.commands.main import run
 from quadrig.io.recording.framesets import NO_FRAME, build_framesets
+from quadrig.io.recording.image_source import McapImages
 from quadrig.io.recording.recorded_cameras import open_recording
 
 av = pytest.importorskip("av")
@@ -38,7 +39,7 @@ def shown(recording, camera, pictures):
 )
 def test_video_is_a_recording(tmp_path, pictures, name, codec, options):
     if codec == "mjpeg":
-        writer = cv2.VideoWriter(str(tmp_path / name), cv2.VideoWriter_fourcc(*"MJPG"), 25, (96, 64))
+        writer = cv2.VideoWriter(str(tmp_path / name), cv2.VideoWriter.fourcc(*"MJPG"), 25, (96, 64))
         for k in range(12):
             writer.write(pictures.picture(k))
         writer.release()
@@ -107,8 +108,9 @@ def test_image_files_pair_by_their_numbers_and_are_copied(tmp_path, pictures):
         for row in framesets.frames.tolist()
     ]  # fmt: skip
     assert pairs == [(1, None), (2, 2), (3, 3), (None, 4), (5, 5), (10, 10)]
-    payload = recording.camera("left").source.messages.payload(0)
-    assert payload.data == (tmp_path / "left01.png").read_bytes()
+    source = recording.camera("left").source
+    assert isinstance(source, McapImages)
+    assert source.messages.payload(0).data == (tmp_path / "left01.png").read_bytes()
 
 
 def test_folders_are_a_recording(tmp_path, pictures):

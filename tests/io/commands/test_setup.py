@@ -373,6 +373,7 @@ def test_the_graph_counts_moving_sheets_by_frameset_and_static_ones_at_all_times
 @pytest.mark.parametrize("sentence", ["cam1: tilt the sheet more", "a sentence of many words " * 8, "", "x" * 150])
 def test_the_large_sentence_fits_into_its_picture(sentence):
     drawn = cv2.imdecode(np.frombuffer(banner(sentence, "", (235, 235, 235)), np.uint8), cv2.IMREAD_GRAYSCALE)
+    assert drawn is not None
     rows, columns = np.nonzero(drawn > 100)
     assert bool(len(rows)) == bool(sentence)
     if sentence:

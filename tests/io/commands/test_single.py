@@ -91,6 +91,7 @@ def test_corners_in_the_wrong_turn_are_put_right_and_said(folder, capsys):
 def test_a_photographs_own_turn_is_applied(folder, capsys, tmp_path):
     """A phone held upright stores the picture lying down, with EXIF orientation 6: turn it clockwise to see it."""
     upright = cv2.imread(str(folder / "tag.png"))
+    assert upright is not None
     lying = cv2.rotate(upright, cv2.ROTATE_90_COUNTERCLOCKWISE)
     _, coded = cv2.imencode(".jpg", lying, [cv2.IMWRITE_JPEG_QUALITY, 97])
     tiff = b"II*\x00\x08\x00\x00\x00" + b"\x01\x00" + b"\x12\x01\x03\x00\x01\x00\x00\x00\x06\x00\x00\x00" + bytes(4)

@@ -11,7 +11,7 @@ import pytest
 from quadrig.io.commands.main import run
 from quadrig.io.config.rig_toml import parse_config, read_config
 from quadrig.io.sheet.layout import paper_named, parse_ids, parse_length, parse_measured
-from quadrig.single.arrays import Floats
+from quadrig.single.arrays import Picture
 from quadrig.single.detect.image_search import detect_views
 from quadrig.single.errors import QuadrigError
 from quadrig.single.marking import ChessboardMarking
@@ -20,15 +20,16 @@ from quadrig.single.rectangle import PAPER_SIZES, Rectangle
 DPI = 150
 
 
-def rendered(pdf: Path) -> list[Floats]:
+def rendered(pdf: Path) -> list[Picture]:
     # pdftoppm of the same package moves edges to whole pixels; pdftocairo leaves them where they are.
     if shutil.which("pdftocairo") is None:
         pytest.skip("pdftocairo (poppler-utils), which renders the PDF, is not installed")
     subprocess.run(["pdftocairo", "-png", "-gray", "-r", str(DPI), str(pdf), str(pdf.with_suffix(""))], check=True)
-    return [cv2.imread(str(p), cv2.IMREAD_GRAYSCALE) for p in sorted(pdf.parent.glob(f"{pdf.stem}-*.png"))]
+    pages = [cv2.imread(str(p), cv2.IMREAD_GRAYSCALE) for p in sorted(pdf.parent.glob(f"{pdf.stem}-*.png"))]
+    return [np.asarray(page, np.uint8) for page in pages if page is not None]
 
 
-def drawn(tmp_path: Path, capsys, *arguments: str) -> tuple[tuple[Rectangle, ...], list[Floats]]:
+def drawn(tmp_path: Path, capsys, *arguments: str) -> tuple[tuple[Rectangle, ...], list[Picture]]:
     """The rectangles that the printed rig.toml lines tell of, and the pages."""
     pdf = tmp_path / "sheet.pdf"
     assert run(["target", *arguments, "-o", str(pdf)]) == 0

@@ -128,7 +128,7 @@ def test_colmap_begins_pixels_at_the_corner(example_rig):
     images = [line.split() for line in files["images.txt"].splitlines() if line and line[0] != "#"]
     for camera, lens, image in zip(example_rig.cameras, cameras, images, strict=True):
         w, x, y, z, *translation = (float(value) for value in image[1:8])
-        in_camera = POINTS @ rotation_from_quaternion([x, y, z, w]).T + translation
+        in_camera = POINTS @ rotation_from_quaternion(np.array([x, y, z, w])).T + translation
         fx, fy, cx, cy, *distortion = (float(value) for value in lens[4:])
         matrix = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
         pixels, _ = cv2.projectPoints(in_camera, np.zeros(3), np.zeros(3), matrix, np.array(distortion))
@@ -141,16 +141,17 @@ def test_urdf_and_launch_place_links_in_the_rig_frame(example_rig):
     links = {link.get("name") for link in robot.findall("link")}
     assert links == {"cam0", "cam1", "cam2", "cam3", "desk", "wall"}
     for joint in robot.findall("joint"):
-        child, origin = joint.find("child").get("link"), joint.find("origin")
+        child, origin = (dict(one.attrib) for name in ("child", "origin") for one in joint.iter(name))
         placed = {camera.name: camera.rig_from_camera for camera in example_rig.cameras}
         placed |= {p.name: p.rig_from_rect for p in example_rig.rectangles}
-        roll, pitch, yaw = (float(value) for value in origin.get("rpy").split())
-        about_z, about_y, about_x = (rotation_from_vector(v) for v in ([0, 0, yaw], [0, pitch, 0], [roll, 0, 0]))
-        np.testing.assert_allclose(about_z @ about_y @ about_x, placed[child].rotation, atol=1e-12)
-        np.testing.assert_array_equal([float(v) for v in origin.get("xyz").split()], placed[child].translation)
+        roll, pitch, yaw = (float(value) for value in origin["rpy"].split())
+        about_z, about_y, about_x = rotation_from_vector(np.array([[0, 0, yaw], [0, pitch, 0], [roll, 0, 0]]))
+        pose = placed[child["link"]]
+        np.testing.assert_allclose(about_z @ about_y @ about_x, pose.rotation, atol=1e-12)
+        np.testing.assert_array_equal([float(v) for v in origin["xyz"].split()], pose.translation)
     launch = ElementTree.fromstring(export_files(example_rig, "tf")["rig.launch.xml"])
     assert len(launch.findall("node")) == 5
-    assert "--frame-id cam0 --child-frame-id cam1" in launch.findall("node")[0].get("args")
+    assert "--frame-id cam0 --child-frame-id cam1" in launch.findall("node")[0].attrib["args"]
 
 
 @pytest.mark.parametrize("pitch", [np.pi / 2, -np.pi / 2])

@@ -19,7 +19,7 @@ import pytest
 from quadrig.io.live.frame import Frame
 from quadrig.io.live.recorder import LiveRecorder
 from quadrig.io.live.source_readers import parse_source
-from quadrig.io.live.sources import LiveFramesets, Source
+from quadrig.io.live.sources import LiveFramesets, Pace, Source
 from quadrig.single.errors import QuadrigError
 
 WIDTH, HEIGHT = 320, 180
@@ -73,7 +73,7 @@ def jpeg_server(rate: float = 30.0, lengths: bool = True, breaks_after: int = 10
                 except OSError:
                     return
 
-        def log_message(self, *arguments):
+        def log_message(self, format: str, *arguments: object) -> None:  # noqa: A002 - its base has it so
             pass
 
     server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
@@ -144,7 +144,7 @@ def rtsp_server(stream: Path, rate: float = 30.0):
 
 
 @contextmanager
-def sources_of(pace="real time", **texts):
+def sources_of(pace: Pace = "real time", **texts):
     start = time.time_ns()
     opened = [Source(name, parse_source(text), pace, start) for name, text in texts.items()]
     try:
@@ -278,15 +278,16 @@ def test_file_that_is_no_video_fails_by_itself(tmp_path):
 def read_stream(path: Path) -> list[tuple[str, int, bytes]]:
     """Every message of an MCAP read from its beginning until it breaks off."""
     from mcap.exceptions import McapError
+    from mcap.records import Channel, Message
     from mcap.stream_reader import StreamReader
 
     topics, messages = {}, []
     with path.open("rb") as file:
         try:
             for record in StreamReader(file).records:
-                if type(record).__name__ == "Channel":
+                if isinstance(record, Channel):
                     topics[record.id] = record.topic
-                elif type(record).__name__ == "Message":
+                elif isinstance(record, Message):
                     messages.append((topics[record.channel_id], record.log_time, record.data))
         except (McapError, EOFError):
             pass

@@ -1,23 +1,27 @@
 """Framesets: images of one instant are found by time, whatever the cameras' rates, gaps and starts."""
 
-from types import SimpleNamespace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from quadrig.io.recording.framesets import NO_FRAME, build_framesets, match_stamps
+from quadrig.io.recording.image_folder import ImageFiles
+from quadrig.io.recording.image_source import Stamped
+from quadrig.io.recording.recorded_cameras import RecordedCamera, Recording
 from quadrig.single.errors import QuadrigError
 
 MILLISECOND = 10**6
 
 
-def recording(**stamps):
-    """What build_framesets needs of a recording; stamps in seconds."""
-    cameras = [
-        SimpleNamespace(name=name, stamps=np.round(np.asarray(times) * 1e9).astype(np.int64))
-        for name, times in stamps.items()
-    ]
-    return SimpleNamespace(cameras=cameras)
+def recording(**stamps: np.ndarray) -> Recording:
+    """A recording without files; stamps in seconds."""
+    cameras = []
+    for name, times in stamps.items():
+        files = ImageFiles((Path("image.png"),) * len(times), np.arange(len(times)))
+        stamped = Stamped(files, np.round(times * 1e9).astype(np.int64))
+        cameras.append(RecordedCamera(name, name, 1, 1, stamped))
+    return Recording((), (), tuple(cameras))
 
 
 def test_equal_rates_with_jitter_and_offsets():

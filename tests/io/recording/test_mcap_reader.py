@@ -3,6 +3,7 @@
 import re
 
 import cv2
+import numpy as np
 import pytest
 
 from quadrig.io.recording.mcap_reader import MAGIC, McapBytes, index_mcap
@@ -128,5 +129,5 @@ def test_parts_of_one_recording_follow_each_other(tmp_path, pictures):
     assert [camera.frames for camera in split.cameras] == [2 * camera.frames for camera in whole.cameras]
     stamps = split.camera("cam0").stamps
     assert stamps.tolist() == sorted(stamps.tolist())
-    part = split.camera("cam0").source.part([3, 8, 9])
+    part = split.camera("cam0").source.part(np.array([3, 8, 9]))
     assert [pictures.number(image) for image in part.images() if image is not None] == [1, 4, 4]

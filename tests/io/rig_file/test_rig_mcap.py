@@ -61,6 +61,7 @@ def test_foxglove_messages_hold_the_rig(rig_path, example_rig):
     with rig_path.open("rb") as stream:
         reader = make_reader(stream, decoder_factories=[DecoderFactory()])
         for schema, _, message, decoded in reader.iter_decoded_messages(topics=["/tf", "/cam2/camera_info"]):
+            assert schema is not None
             if schema.name == "foxglove.CameraCalibration":
                 calibrations[decoded.frame_id] = decoded
                 continue
@@ -77,7 +78,8 @@ def test_foxglove_messages_hold_the_rig(rig_path, example_rig):
     np.testing.assert_array_equal(translation, pose.translation)
     from quadrig.single.rotation import rotation_from_quaternion
 
-    rotation = rotation_from_quaternion([entry.rotation.x, entry.rotation.y, entry.rotation.z, entry.rotation.w])
+    turn = entry.rotation
+    rotation = rotation_from_quaternion(np.array([turn.x, turn.y, turn.z, turn.w]))
     np.testing.assert_allclose(rotation, pose.rotation, atol=1e-14)  # a quaternion rounds in the last places
     assert len(transforms["board"]) == 12
     assert len({time for time, _ in transforms["board"]}) == 12
