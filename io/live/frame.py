@@ -20,7 +20,8 @@ _PREVIEW_QUALITY = 80
 class Frame:
     """One picture of one camera.
 
-    stamp: ns, when it was taken; arrived: s on the monotonic clock, when it reached this program.
+    stamp: ns, when it was taken; timed: whether a clock gave it, not the order of files in a folder;
+    arrived: s on the monotonic clock, when it reached this program.
     encoded: its JPEG or PNG bytes where the source gave such, else empty; picture: (H, W) or (H, W, 3) BGR else.
     """
 
@@ -29,6 +30,12 @@ class Frame:
     arrived: float
     encoded: bytes = b""
     picture: Picture | None = None
+    timed: bool = True
+
+    @property
+    def time(self) -> float:
+        """When it was taken, s since 1970 by its camera's clock; nan where no clock says."""
+        return self.stamp / 1e9 if self.timed else float("nan")
 
     @cached_property
     def grey(self) -> Picture:

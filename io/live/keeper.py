@@ -5,6 +5,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 
 from quadrig.io.live.search import LiveSearch, Search
+from quadrig.rig.adjustment.motion import LONGEST_GAP
 from quadrig.rig.coach.capture_faults import blur_fault, exposure_fault, held_still_fault, not_static_fault
 from quadrig.rig.coach.edge_width import view_edge_widths
 from quadrig.rig.coach.fault import Fault
@@ -16,6 +17,13 @@ from quadrig.single.view import View
 # After so many seconds without anything kept, a sheet that moves up to three times too fast is taken as well: a
 # blurred View is worth more than none.
 _HURRY, _HURRIED = 2.5, 3 * FASTEST
+# What several cameras saw in motion is followed by two more framesets, this far (s) apart: three give a velocity and
+# an acceleration, from which the joint adjustment finds clocks that are off, as long as no gap is longer than it
+# bridges.
+_FOLLOWING, _FOLLOW_AFTER = 2, 0.1
+# A sheet that moved by less (of the picture's diagonal) in that time shows no clock: 10 ms, the least that clocks are
+# off by, are a third of a pixel of it. Corners as the search finds them at half size stand still to within less.
+_MOVED = 0.004
 # Faults are said while they are this young (s): long enough to be read, short enough to be gone when mended.
 _FAULT_SECONDS = 2.0
 
@@ -43,6 +51,7 @@ class Keeper:
         # s, of the frames' own clock: files that are played quicker than they were taken tell the same story.
         self._now: float | None = None
         self._kept_at = self._news_at = 0.0
+        self._following = 0
         self._faults: dict[tuple[str, str], tuple[float, Fault]] = {}
 
     def restore(self, views: Sequence[View]) -> None:
@@ -68,17 +77,35 @@ class Keeper:
         astray = displaced(outlines, self._places, self._rectangles, diagonals)
         if astray is not None:
             self.blame(not_static_fault(astray[1], astray[0]))
-        if not fresh or self._pending is not None:
+        wanted = self._wanted(outlines, fresh, moving, diagonals)
+        if not wanted or self._pending is not None or self._too_fast(fast):
             return
-        hurried = now - self._kept_at > _HURRY
-        if fast > (_HURRIED if hurried else FASTEST):
-            if hurried:
-                self.blame(Fault("motion", "the sheet moves too fast; hold it still for a moment"))
-            return
-        # A static sheet seen again from where it was seen tells nothing; a moving one is wanted from all who see it.
-        wanted = {key for key in outlines if key in fresh or key[1] in {k[1] for k in fresh} & moving}
+        self._following = _FOLLOWING if fresh else self._following - 1
         futures = [self._pool.submit(self._fit, search, wanted) for search in searches if search.views]
         self._pending = (frameset, stamp, {key: outlines[key] for key in wanted}, futures)
+
+    def _wanted(
+        self, outlines: Mapping[Key, Floats], fresh: set[Key], moving: set[str], diagonals: Mapping[str, float]
+    ) -> set[Key]:
+        """What of a frameset is worth keeping: what is new, and how a moving sheet goes on from there."""
+        if fresh:
+            # A static sheet seen again from where it was seen tells nothing; a moving one is wanted from all.
+            shown = moving & {name for _, name in fresh}
+            return fresh | {key for key in outlines if key[1] in shown}
+        since = (self._now or 0.0) - self._kept_at
+        if not self._following or not _FOLLOW_AFTER <= since < LONGEST_GAP:
+            return set()
+        going = [k[1] for k, line in outlines.items() if self._places.distance(k, line) > _MOVED * diagonals[k[0]]]
+        return {key for key in outlines if key[1] in moving and going.count(key[1]) > 1}
+
+    def _too_fast(self, fast: float) -> bool:
+        """Whether the sheet is too fast to be kept, which is said where it has been so for long."""
+        hurried = (self._now or 0.0) - self._kept_at > _HURRY
+        if fast <= (_HURRIED if hurried else FASTEST):
+            return False
+        if hurried:
+            self.blame(Fault("motion", "the sheet moves too fast; hold it still for a moment"))
+        return True
 
     def collect(self, wait: bool = False) -> Kept | None:
         """What was kept since, once it is fitted."""
@@ -98,7 +125,7 @@ class Keeper:
             self.blame(fault)
         if not views:
             return Kept(frameset, stamp, (), tuple(faults)) if faults else None
-        self._kept_at = self._news_at = self._now or 0.0
+        self._kept_at, self._news_at = stamp / 1e9, self._now or 0.0
         self._places = self._places.with_views(
             {key: line for key, line in outlines.items() if any((v.camera, v.rectangle) == key for v in views)}
         )

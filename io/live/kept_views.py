@@ -1,48 +1,27 @@
 """The Views a live session kept, written into its recording as they are kept and read back by --resume."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import msgspec
-import numpy as np
 
+from quadrig.io.rig_file.view_record import ViewRecord, recorded_view, view_record
 from quadrig.single.view import View
 
 KEPT_TOPIC = "/quadrig/kept_views"
 KEPT_SCHEMA = "quadrig.KeptViews"
 
 
-class _KeptView(msgspec.Struct):
-    """One View; JSON writes a float64 so that it comes back to the last bit."""
-
-    camera: str
-    rectangle: str
-    points: list[list[float]]
-    pixels: list[list[float]]
-    alternatives: list[list[list[float]]]
-    sigma: float
-
-
 class _KeptFrameset(msgspec.Struct):
     frameset: int
     sizes: dict[str, tuple[int, int]]
-    views: list[_KeptView]
+    views: list[ViewRecord]
 
 
 def encode_views(frameset: int, views: Sequence[View], sizes: dict[str, tuple[int, int]]) -> bytes:
     """The JSON of one kept frameset. sizes: width and height, px, of each camera's pictures."""
-    kept = [
-        _KeptView(
-            v.camera,
-            v.rectangle,
-            v.points.tolist(),
-            v.pixels.tolist(),
-            [reading.tolist() for reading in v.alternatives],
-            float(v.sigma),
-        )
-        for v in views
-    ]
-    return msgspec.json.encode(_KeptFrameset(frameset, sizes, kept))
+    return msgspec.json.encode(_KeptFrameset(frameset, sizes, [view_record(view) for view in views]))
 
 
 def read_kept_views(path: Path) -> tuple[list[View], dict[str, tuple[int, int]]]:
@@ -62,20 +41,8 @@ def read_kept_views(path: Path) -> tuple[list[View], dict[str, tuple[int, int]]]
                 elif isinstance(record, Message) and record.channel_id in channels:
                     kept = msgspec.json.decode(record.data, type=_KeptFrameset)
                     sizes.update(kept.sizes)
-                    views += [_view(kept.frameset, view) for view in kept.views]
+                    views += [replace(recorded_view(view), frameset=kept.frameset) for view in kept.views]
         except (McapError, EOFError):
             # A session that was killed leaves a file without an end; what came before the cut is whole.
             pass
     return views, sizes
-
-
-def _view(frameset: int, kept: _KeptView) -> View:
-    return View(
-        kept.rectangle,
-        np.array(kept.points),
-        np.array(kept.pixels),
-        kept.camera,
-        frameset,
-        tuple(np.array(reading) for reading in kept.alternatives),
-        kept.sigma,
-    )

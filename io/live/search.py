@@ -41,7 +41,8 @@ FoundTags = dict[Family, dict[int, list[Floats]]]
 
 @dataclass(frozen=True, eq=False)
 class Search:
-    """What one frame showed. views: with camera and frameset, rough where `refine` can do better; grey: its picture.
+    """What one frame showed. views: with camera, frameset and time, rough where `refine` can do better; grey: its
+    picture; time: s, of the frame, nan where unknown.
 
     found: the tags' rough corners (4, 2) px in OpenCV's order, by dictionary and polarity, then by id.
     """
@@ -51,6 +52,7 @@ class Search:
     views: tuple[View, ...]
     grey: Picture
     found: FoundTags
+    time: float = float("nan")
 
 
 @dataclass
@@ -89,7 +91,8 @@ class LiveSearch:
         ]
         others = self._without_tags(grey, memory.untagged, thorough)
         memory.untagged = {view.rectangle: view for view in others}
-        return Search(frame.camera, frameset, _named([*views, *others], frame.camera, frameset), grey, found)
+        search = Search(frame.camera, frameset, (), grey, found, frame.time)
+        return replace(search, views=_named([*views, *others], search))
 
     def refine(self, search: Search, names: Collection[str]) -> tuple[View, ...]:
         """The Views of these rectangles with corners fitted to a fraction of a pixel, where they can be."""
@@ -101,7 +104,7 @@ class LiveSearch:
             views += detect_tags(grey, [r for r in wanted if isinstance(r.marking, TagMarking)], found)
             boards = [detect_charuco(grey, r, found) for r in wanted if isinstance(r.marking, CharucoMarking)]
             views += [view for view in boards if view is not None]
-        return _named(views, search.camera, search.frameset)
+        return _named(views, search)
 
     def _tags_in(
         self, grey: Picture, half: Picture, family: Family, memory: _Memory, thorough: bool
@@ -174,8 +177,8 @@ def _polarised(grey: Picture, family: Family) -> Picture:
     return 255 - grey if family[1] else grey
 
 
-def _named(views: Sequence[View], camera: str, frameset: int) -> tuple[View, ...]:
-    return tuple(replace(view, camera=camera, frameset=frameset) for view in views)
+def _named(views: Sequence[View], search: Search) -> tuple[View, ...]:
+    return tuple(replace(view, camera=search.camera, frameset=search.frameset, time=search.time) for view in views)
 
 
 def _window(grey: Picture, view: View) -> tuple[Picture, Floats]:

@@ -5,12 +5,13 @@ import multiprocessing.connection
 import os
 import signal
 import threading
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
 
+from quadrig.rig.adjustment.motion import LONGEST_GAP
 from quadrig.rig.calibration import calibrate
 from quadrig.rig.coach.advice import Advice, Situation, advise
 from quadrig.rig.coach.fault import Fault
@@ -24,6 +25,8 @@ from quadrig.single.view import View
 
 # Framesets that a live solution uses at most: half a second on one core. The last solution uses all of them.
 _LIVE_FRAMESETS = 100
+# ... of which so many in a row: the velocity and the acceleration of a sheet need three.
+_RUN = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,20 +79,31 @@ def solve(job: Job) -> Solution:
 def thinned(views: Sequence[View], most: int = _LIVE_FRAMESETS) -> tuple[View, ...]:
     """The Views of at most `most` framesets, spread evenly, those that many cameras share first."""
     cameras: dict[int, set[str]] = {}
+    times: dict[int, float] = {}
     for view in views:
         cameras.setdefault(view.frameset, set()).add(view.camera)
+        times.setdefault(view.frameset, view.time)
     if len(cameras) <= most:
         return tuple(views)
-    shared = [frameset for frameset, names in cameras.items() if len(names) > 1]
-    alone = [frameset for frameset, names in cameras.items() if len(names) == 1]
+    shared = {frameset: times[frameset] for frameset, names in cameras.items() if len(names) > 1}
+    alone = {frameset: times[frameset] for frameset, names in cameras.items() if len(names) == 1}
     kept = set(_spread(shared, most) + _spread(alone, max(most - len(shared), most // 4)))
     return tuple(view for view in views if view.frameset in kept)
 
 
-def _spread(framesets: list[int], most: int) -> list[int]:
+def _spread(framesets: Mapping[int, float], most: int) -> list[int]:
+    """Framesets (with their times, s) spread evenly, in runs that follow on one another: single ones show no motion,
+    and without motion no clock is known."""
     if len(framesets) <= most:
-        return framesets
-    return [framesets[k * len(framesets) // most] for k in range(most)]
+        return list(framesets)
+    runs: list[list[int]] = []
+    for frameset, time in framesets.items():
+        if runs and len(runs[-1]) < _RUN and time - framesets[runs[-1][-1]] < LONGEST_GAP:
+            runs[-1].append(frameset)
+        else:
+            runs.append([frameset])
+    count = most * len(runs) // len(framesets)
+    return [frameset for k in range(count) for frameset in runs[k * len(runs) // count]][:most]
 
 
 class LiveSolver:

@@ -63,6 +63,11 @@ class SourceSpec:
         """Whether the pictures come at their own pace."""
         return self.kind not in ("video", "folder")
 
+    @property
+    def timed(self) -> bool:
+        """Whether the pictures come when they are taken: those of a folder say nothing of that."""
+        return self.kind not in ("folder", "watch")
+
 
 def parse_source(text: str | int, folder: Path | None = None) -> SourceSpec:
     """What a source of rig.toml or of the command line means.

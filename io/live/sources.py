@@ -148,8 +148,8 @@ class Source:
                 self._stop.wait(max(0.0, (stamp - time.time_ns()) / _SECOND))
         arrived = time.monotonic()
         if isinstance(payload, bytes):
-            return Frame(self.name, stamp, arrived, encoded=payload)
-        return Frame(self.name, stamp, arrived, picture=payload)
+            return Frame(self.name, stamp, arrived, encoded=payload, timed=self.spec.timed)
+        return Frame(self.name, stamp, arrived, picture=payload, timed=self.spec.timed)
 
     def _publish(self, frame: Frame) -> None:
         with self._changed:

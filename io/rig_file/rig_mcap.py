@@ -17,12 +17,12 @@ import numpy as np
 
 from quadrig.io.rig_file.record import (
     RECORD_FORMAT,
+    FitRecord,
     RigRecord,
-    ViewRecord,
+    decode_fit,
     decode_rig,
-    decode_view,
+    encode_fit,
     encode_rig,
-    encode_view,
 )
 from quadrig.io.whole_file import written_beside
 from quadrig.rig.result import Camera, PlacedRectangle, Rig
@@ -100,7 +100,7 @@ def read_rig_file(path: Path | str) -> RigFile:
             version = [m.metadata.get("version", "") for m in reader.iter_metadata() if m.name == "quadrig"]
         if not records:
             raise QuadrigError(f"{path} is MCAP but holds no rig; give the rig.mcap that `rig calibrate` wrote")
-        rig, times = decode_rig(records[-1], tuple(decode_view(view) for view in views))
+        rig, times = decode_rig(records[-1], tuple(decode_fit(view) for view in views))
     except OSError as error:
         raise QuadrigError(f"cannot read {path}: {error.strerror}") from error
     except QuadrigError:
@@ -131,7 +131,7 @@ def _invented_times(rig: Rig) -> tuple[int, ...]:
 
 def _write_record(writer: Any, rig: Rig, times: tuple[int, ...], known: tuple[int, ...]) -> None:
     channels = {}
-    for topic, name, kind in ((RIG_TOPIC, "quadrig.Rig", RigRecord), (VIEWS_TOPIC, "quadrig.View", ViewRecord)):
+    for topic, name, kind in ((RIG_TOPIC, "quadrig.Rig", RigRecord), (VIEWS_TOPIC, "quadrig.View", FitRecord)):
         schema = msgspec.json.encode(msgspec.json.schema(kind))
         schema_id = writer.register_schema(name=name, encoding="jsonschema", data=schema)
         channels[topic] = writer.register_channel(topic=topic, message_encoding="json", schema_id=schema_id)
@@ -139,7 +139,7 @@ def _write_record(writer: Any, rig: Rig, times: tuple[int, ...], known: tuple[in
     writer.add_message(channels[RIG_TOPIC], start, encode_rig(rig, known), start)
     for sequence, fit in enumerate(rig.fits):
         time = times[fit.view.frameset] if 0 <= fit.view.frameset < len(times) else start
-        writer.add_message(channels[VIEWS_TOPIC], time, encode_view(fit), time, sequence)
+        writer.add_message(channels[VIEWS_TOPIC], time, encode_fit(fit), time, sequence)
 
 
 def _calibration(camera: Camera, time: int) -> Any:

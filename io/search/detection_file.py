@@ -4,7 +4,7 @@ import hashlib
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +14,7 @@ import numpy as np
 from quadrig.io.recording.image_folder import folder_images
 from quadrig.io.recording.mcap_reader import McapBytes, index_mcap
 from quadrig.io.recording.recorded_cameras import RecordedCamera, Recording
+from quadrig.io.rig_file.view_record import ViewRecord, recorded_view, view_record
 from quadrig.single.arrays import Ints
 from quadrig.single.errors import QuadrigError
 from quadrig.single.rectangle import Rectangle
@@ -25,16 +26,6 @@ FORMAT = 3
 
 # A few images' worth: what is lost when the process is killed.
 _CHUNK_BYTES = 16 * 1024
-
-
-class ViewRecord(msgspec.Struct):
-    """A View without camera and frameset. JSON writes a float64 so that it comes back to the last bit."""
-
-    rectangle: str
-    points: list[list[float]]
-    pixels: list[list[float]]
-    alternatives: list[list[list[float]]]
-    sigma: float
 
 
 class ImageRecord(msgspec.Struct):
@@ -90,7 +81,7 @@ class DetectionWriter:
 
     def write(self, camera: str, image: int, stamp: int, views: Sequence[View] | None) -> None:
         """Add one image. views: None where it could not be read."""
-        records = None if views is None else [_record(view) for view in views]
+        records = None if views is None else [view_record(view) for view in views]
         record = ImageRecord(self._keys[camera], camera, image, stamp, records)
         self._writer.add_message(self._own, stamp, msgspec.json.encode(record), stamp)
         if views:
@@ -164,26 +155,10 @@ def _records(path: Path) -> Iterator[ImageRecord]:
         file.close()
 
 
-def _record(view: View) -> ViewRecord:
-    alternatives = [np.asarray(reading).tolist() for reading in view.alternatives]
-    points, pixels = np.asarray(view.points).tolist(), np.asarray(view.pixels).tolist()
-    return ViewRecord(view.rectangle, points, pixels, alternatives, float(view.sigma))
-
-
 def _views(record: ImageRecord) -> tuple[View, ...] | None:
     if record.views is None:
         return None
-    return tuple(
-        View(
-            one.rectangle,
-            np.array(one.points, float).reshape(-1, 3),
-            np.array(one.pixels, float).reshape(-1, 2),
-            camera=record.camera,
-            alternatives=tuple(np.array(reading, float).reshape(-1, 3) for reading in one.alternatives),
-            sigma=one.sigma,
-        )
-        for one in record.views
-    )
+    return tuple(replace(recorded_view(one), camera=record.camera) for one in record.views)
 
 
 def _annotations(views: Sequence[View], stamp: int) -> bytes:

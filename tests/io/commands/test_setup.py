@@ -340,7 +340,9 @@ def test_a_sheet_printed_at_the_wrong_scale_is_said_in_a_session(tmp_path):
 
 def test_kept_views_come_back_to_the_last_bit(tmp_path):
     rng = np.random.default_rng(0)
-    view = View("sheet", TAG.corners, rng.uniform(0, 600, (4, 2)), "cam1", 7, (TAG.corners[::-1],), 0.123)
+    view = View(
+        "sheet", TAG.corners, rng.uniform(0, 600, (4, 2)), "cam1", 7, (TAG.corners[::-1],), 0.123, 1.7e9 + 1 / 3
+    )
     recorder = LiveRecorder(tmp_path / "r.mcap")
     recorder.note(5, encode_views(7, [view], {"cam1": (640, 360)}))
     recorder.close()
@@ -348,8 +350,69 @@ def test_kept_views_come_back_to_the_last_bit(tmp_path):
     assert sizes == {"cam1": (640, 360)}
     assert len(views) == 1
     assert (views[0].camera, views[0].rectangle, views[0].frameset, views[0].sigma) == ("cam1", "sheet", 7, 0.123)
+    assert views[0].time == view.time
     np.testing.assert_array_equal(views[0].pixels, view.pixels)
     np.testing.assert_array_equal(views[0].alternatives[0], view.alternatives[0])
+
+
+BOARD = Rectangle("board", 0.40, 0.30, CharucoMarking(4, 3, 0.1, 0.075, "aruco_4x4_50"), moving=True)
+BOARD_CONFIG = """reference = "cam0"
+[[rectangle]]
+name = "board"
+moving = true
+marking = { kind = "charuco", columns = 4, rows = 3, square = 0.1, marker = 0.075, dictionary = "aruco_4x4_50" }
+"""
+LATE = 0.040
+
+
+def carried(time: float) -> Pose:
+    """The board on its way at a tenth of a metre a second or so."""
+    position = [0.25 * np.sin(0.66 * time), 0.05 + 0.12 * np.sin(0.9 * time + 1), 1.5 + 0.2 * np.sin(0.42 * time + 2)]
+    rotation = [0.4 * np.sin(0.54 * time), -0.45 + 0.4 * np.sin(0.72 * time + 1), 0.3 * np.sin(0.36 * time)]
+    return Pose.from_vectors(np.array(rotation), np.array(position))
+
+
+def test_a_camera_that_takes_its_pictures_later_than_their_stamps_is_found(tmp_path):
+    sources = {}
+    for camera, late in enumerate((0.0, LATE, 0.0)):
+        path = tmp_path / f"cam{camera}.avi"
+        writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 20, (WIDTH, HEIGHT))
+        for moment in range(100):
+            grey = picture(camera, carried(moment / 20 + late), BOARD)
+            writer.write(cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR))
+        writer.release()
+        sources[path.stem] = parse_source(str(path))
+    plan = SetupPlan(parse_config(BOARD_CONFIG), sources, tmp_path / "r.mcap", pace="consumed")
+    rig = SetupSession(plan, [], str).run().rig
+    assert rig is not None
+    offsets = np.array([camera.clock_offset for camera in rig.cameras])
+    # The board moves by 5 um in half a ms: less than the calibration knows of where it is.
+    assert offsets - offsets[0] == pytest.approx([0, LATE, 0], abs=0.5e-3)
+    for camera, pose in zip(rig.cameras, CAMERAS, strict=True):
+        # Without the offset the second camera would stand 27 mm off.
+        apart = np.linalg.norm(camera.rig_from_camera.translation - pose.translation)
+        assert apart <= 4 * rig.position_sigma(camera.name)
+        assert apart < 0.005
+
+
+def test_pictures_of_a_folder_say_nothing_of_when_they_were_taken(tmp_path):
+    assert parse_source("0").timed
+    assert not parse_source(str(tmp_path)).timed
+    assert not parse_source(f"watch:{tmp_path}").timed
+    assert np.isnan(Frame("cam0", 5, 0.0, timed=False).time)
+    found = LiveSearch([TAG]).search(Frame("cam0", 5_500_000_000, 0.0, picture=picture(0, held_poses()[0])), 3)
+    assert [(view.time, view.frameset) for view in found.views] == [(5.5, 3)]
+
+
+def test_thinning_leaves_framesets_that_follow_on_one_another_together():
+    corners = TAG.corners
+    times = {10 * burst + k: burst + 0.1 * k for burst in range(60) for k in range(3)}
+    views = [
+        View("sheet", corners, corners[:, :2], camera, k, time=time) for k, time in times.items() for camera in "ab"
+    ]
+    kept = {view.frameset for view in thinned(views, 100)}
+    assert 97 <= len(kept) <= 100
+    assert len({frameset // 10 for frameset in kept}) == 33
 
 
 def test_thinning_keeps_what_cameras_share():
