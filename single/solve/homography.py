@@ -10,7 +10,7 @@ def homographies(points: Floats, pixels: Floats, weights: Floats | None = None) 
 
     points (..., P, 2) in the plane, pixels (..., P, 2), P >= 4; weights (..., P): zero leaves a point out. The last
     element is 1: the middle of the points must not lie on the horizon, which is so wherever all points are seen.
-    Exact for exact points. nan where the points do not determine a homography (three of four on a line).
+    Exact for exact points. nan where the points do not determine a homography: fewer than four places, or three of four on a line.
     """
     points, pixels = np.asarray(points, float), np.asarray(pixels, float)
     weights = np.ones(pixels.shape[:-1]) if weights is None else np.asarray(weights, float)
@@ -31,16 +31,16 @@ def homographies(points: Floats, pixels: Floats, weights: Floats | None = None) 
 
 
 def _solve_each(matrices: Floats, right: Floats) -> Floats:
-    """Each system of a batch; nan for those that are singular, which must not cost the others their answer."""
-    try:
-        return np.linalg.solve(matrices, right[..., None])[..., 0]
-    except np.linalg.LinAlgError:
-        unknown = ~np.isfinite(matrices).all(axis=(-1, -2))
-        safe = np.where(unknown[..., None, None], np.eye(8), matrices)
-        # Normalised points give an 8x8 matrix whose determinant is far above this unless points coincide.
-        singular = unknown | (np.abs(np.linalg.det(safe)) < 1e-30)
-        safe = np.where(singular[..., None, None], np.eye(8), safe)
-        return np.where(singular[..., None], np.nan, np.linalg.solve(safe, right[..., None])[..., 0])
+    """Each symmetric system of a batch; nan for those that are singular, which must not cost the others an answer."""
+    size = matrices.shape[-1]
+    unknown = ~np.isfinite(matrices).all(axis=(-1, -2))
+    safe = np.where(unknown[..., None, None], np.eye(size), matrices)
+    eigenvalues = np.linalg.eigvalsh(safe)
+    # The smallest over the largest: the corners of a rectangle seen at 80 degrees give 3e-3, points on a line the
+    # rounding of 1e-16. What lies below this has lost all digits but four.
+    singular = unknown | (eigenvalues[..., 0] < 1e-12 * eigenvalues[..., -1])
+    safe = np.where(singular[..., None, None], np.eye(size), safe)
+    return np.where(singular[..., None], np.nan, np.linalg.solve(safe, right[..., None])[..., 0])
 
 
 def _normalised(points: Floats, weights: Floats) -> tuple[Floats, Floats]:
