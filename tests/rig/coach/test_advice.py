@@ -10,15 +10,13 @@ from quadrig.rig.coach.conversation import Coach
 from quadrig.rig.coach.next_view import Placements, accuracy_weight, expected_drop, imagine, planning_points, seen
 from quadrig.rig.doubt.information import (
     camera_derivatives,
-    covariance_of,
-    rectangle_derivatives,
     triangulation_derivatives,
     visible,
 )
 from quadrig.rig.doubt.working_accuracy import working_accuracy
-from quadrig.rig.result import CAMERA_PARAMETERS, Camera, PlacedRectangle, Rig
+from quadrig.rig.result import Camera, PlacedRectangle, Rig
 from quadrig.rig.words import millimetres
-from quadrig.single.lens import Intrinsics
+from quadrig.single.lens import LENS_PARAMETERS, Intrinsics
 from quadrig.single.marking import ChessboardMarking, TagMarking
 from quadrig.single.pose import Pose
 from quadrig.single.rectangle import Rectangle
@@ -68,36 +66,50 @@ def as_placements(poses, rectangle=SHEET):
     return Placements(rectangle, batch, empty, np.zeros((len(poses), 2)), empty, np.zeros((len(poses), 2)), empty)
 
 
-def camera_information(cameras, rig_from_rect, points, sees, sigma):
-    """Information (15 C, 15 C) on the cameras of rectangles that stood at the poses (B,) of rig_from_rect.
-
-    points (P, 3): of the rectangle's frame; sees (B, C, P) bool: which camera saw which point; sigma: px. Each
-    pose is unknown by itself (a moving rectangle) and is eliminated by the Schur complement.
-    """
-    size = len(cameras) * CAMERA_PARAMETERS
-    total = np.zeros((size, size))
-    for by_cameras, by_rectangle in _rows(cameras, rig_from_rect, points, sees):
-        cross = by_cameras.T @ by_rectangle
-        total += by_cameras.T @ by_cameras - cross @ np.linalg.pinv(by_rectangle.T @ by_rectangle) @ cross.T
-    return total / sigma**2
+def slopes(function, columns):
+    """Derivatives (..., columns) of function(step) at zero, by differences whose error is step^4 of the fifth one."""
+    size = 1e-3
+    steps = size * np.eye(columns)
+    return np.stack(
+        [(8 * (function(s) - function(-s)) - function(2 * s) + function(-2 * s)) / (12 * size) for s in steps], axis=-1
+    )
 
 
-def _rows(cameras, rig_from_rect, points, sees):
-    """For each pose: derivatives of all pixels by all cameras (2CP, 15C) and by the rectangle (2CP, 6)."""
-    count, size = len(cameras), len(cameras) * CAMERA_PARAMETERS
-    in_rig = rig_from_rect[:, None].transform(points)
-    derivatives = [camera_derivatives(camera, in_rig) for camera in cameras]
-    for pose in range(len(in_rig)):
-        by_cameras = np.zeros((count, 2 * len(points), size))
-        by_rectangle = np.zeros((count, 2 * len(points), 6))
-        for index, (_, by_camera, by_point) in enumerate(derivatives):
-            seen = np.repeat(sees[pose, index], 2)[:, None]
-            start = index * CAMERA_PARAMETERS
-            block = by_camera[pose].reshape(-1, CAMERA_PARAMETERS)
-            by_cameras[index, :, start : start + CAMERA_PARAMETERS] = np.where(seen, block, 0)
-            by_step = rectangle_derivatives(by_point[pose], rig_from_rect[pose], points)
-            by_rectangle[index] = np.where(seen, by_step.reshape(-1, 6), 0)
-        yield by_cameras.reshape(-1, size), by_rectangle.reshape(-1, 6)
+def pixel_slopes(camera, rig_from_rect, points):
+    """Of pixels (B, P, 2) of a sheet at the poses (B,): by the camera's 15 parameters and by the step of the pose."""
+
+    def pixels(camera_step, step):
+        lens = camera.intrinsics.with_parameters(camera.intrinsics.parameters + camera_step[:9])
+        camera_from_rig = camera.rig_from_camera.retract(camera_step[9:]).inverse()
+        return lens.project(camera_from_rig.transform(rig_from_rect.retract(step)[:, None].transform(points)))
+
+    return slopes(lambda s: pixels(s, np.zeros(6)), 15), slopes(lambda s: pixels(np.zeros(15), s), 6)
+
+
+def covariance_of_all(cameras, rig_from_rect, points, sees, sigma):
+    """Covariance (15 C, 15 C) of cameras that saw (B, C) the sheet at the poses (B,): a block of the inverse of the
+    information on everything, the poses included. Zero for the frame of the first camera and what is not free."""
+    size, count = 15 * len(cameras), len(sees)
+    information = np.zeros((size + 6 * count, size + 6 * count))
+    for index, camera in enumerate(cameras):
+        by_camera, by_pose = pixel_slopes(camera, rig_from_rect, points)
+        own = slice(15 * index, 15 * index + 15)
+        for pose in np.flatnonzero(sees[:, index]):
+            a, b = by_camera[pose].reshape(-1, 15) / sigma, by_pose[pose].reshape(-1, 6) / sigma
+            at = slice(size + 6 * pose, size + 6 * pose + 6)
+            information[own, own] += a.T @ a
+            information[own, at] += a.T @ b
+            information[at, own] += b.T @ a
+            information[at, at] += b.T @ b
+        information[own, own][np.diag_indices(9)] += 1 / LENS_PRIOR**2
+    of_cameras = [[n in c.free_lens for n in LENS_PARAMETERS] + 6 * [c is not cameras[0]] for c in cameras]
+    free = np.flatnonzero(np.concatenate([*of_cameras, np.ones(6 * count, bool)]))
+    scale = np.sqrt(information[free, free])
+    inverse = np.linalg.inv(information[np.ix_(free, free)] / np.outer(scale, scale)) / np.outer(scale, scale)
+    of_cameras = free < size
+    covariance = np.zeros((size, size))
+    covariance[np.ix_(free[of_cameras], free[of_cameras])] = inverse[np.ix_(of_cameras, of_cameras)]
+    return covariance
 
 
 def rig_that_saw(cameras, poses, rectangle=SHEET):
@@ -106,9 +118,7 @@ def rig_that_saw(cameras, poses, rectangle=SHEET):
     sees = seen(cameras, as_placements(poses, rectangle))
     kept = sees.any(1)
     batch = stacked(poses)[kept]
-    everywhere = np.repeat(sees[kept][:, :, None], len(points), axis=2)
-    information = camera_information(cameras, batch, points, everywhere, NOISE * factor)
-    covariance = covariance_of(cameras, information, "cam0", LENS_PRIOR)
+    covariance = covariance_of_all(cameras, batch, points, sees[kept], NOISE * factor)
     placed = PlacedRectangle(rectangle, batch, np.zeros((len(batch.translation), 6, 6)), np.flatnonzero(kept))
     volume = batch[:, None].transform(rectangle.corners).reshape(-1, 3)
     accuracy = working_accuracy(cameras, covariance, volume)
@@ -322,10 +332,14 @@ def test_nothing_is_asked_of_sheets_that_are_fixed_to_the_wall():
 
 
 def framesets_until(accuracy, seed, coached):
-    """How many framesets a person needs who starts with three waved ones; their hand misses a ghost by 6 cm."""
+    """How many more framesets a person needs once waving has brought all cameras together; their hand misses a ghost
+    by 6 cm."""
     cameras, middle = four_cameras(seed)
     rng = np.random.default_rng(seed + 50)
     poses = [waved(rng, cameras, middle) for _ in range(3)]
+    while len(connected([c.name for c in cameras], views_of(cameras, poses), [SHEET])) > 1:
+        poses.append(waved(rng, cameras, middle))
+    together = len(poses)
     rig, refused = rig_that_saw(cameras, poses), ()
     while rig.working_accuracy > accuracy and len(poses) < 60:
         before, pose = rig.working_accuracy, waved(rng, cameras, middle)
@@ -339,12 +353,13 @@ def framesets_until(accuracy, seed, coached):
         rig = rig_that_saw(cameras, poses)
         if coached:
             refused = (advice.ghost,) if rig.working_accuracy > 0.99 * before else ()
-    return len(poses)
+    return len(poses) - together
 
 
 def test_obeying_needs_at_most_half_the_framesets_of_waving():
-    counts = {coached: [framesets_until(0.001, seed, coached) for seed in range(6)] for coached in (True, False)}
-    assert sum(counts[True]) <= 0.5 * sum(counts[False])
+    """Fourteen rigs need 0.35 of the framesets, and the six of this test 0.38."""
+    obeying, waving = (sum(framesets_until(0.001, seed, coached) for seed in range(6)) for coached in (True, False))
+    assert obeying <= 0.5 * waving
 
 
 def test_a_coach_waits_until_it_was_obeyed_or_in_vain():
