@@ -10,7 +10,8 @@ def homographies(points: Floats, pixels: Floats, weights: Floats | None = None) 
 
     points (..., P, 2) in the plane, pixels (..., P, 2), P >= 4; weights (..., P): zero leaves a point out. The last
     element is 1: the middle of the points must not lie on the horizon, which is so wherever all points are seen.
-    Exact for exact points. nan where the points do not determine a homography: fewer than four places, or three of four on a line.
+    Exact for exact points. nan where the points do not determine a homography: fewer than four
+    places, or three of four on a line.
     """
     points, pixels = np.asarray(points, float), np.asarray(pixels, float)
     weights = np.ones(pixels.shape[:-1]) if weights is None else np.asarray(weights, float)

@@ -1,4 +1,4 @@
-"""The example of the coached person runs, and obeying costs at most half the framesets of waving, for as good a rig."""
+"""The example of the coached person runs: obeying costs at most half the framesets of waving, for as good a rig."""
 
 import re
 import subprocess

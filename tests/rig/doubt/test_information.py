@@ -6,8 +6,11 @@ import numpy as np
 import pytest
 
 from quadrig.rig.calibration import calibrate
-from quadrig.rig.doubt.working_accuracy import covered_points, triangulation_shape, working_accuracy
+from quadrig.rig.doubt.information import camera_derivatives, rectangle_derivatives
+from quadrig.rig.result import Camera
+from quadrig.single.lens import LENS_PARAMETERS, Intrinsics
 from quadrig.single.pose import Pose, inverse_jacobian
+from quadrig.single.rectangle import rectangle_corners
 
 
 def solved(made):
@@ -87,38 +90,6 @@ def test_the_doubt_holds_the_truth(simulated):
     assert 0.35 < np.mean(focals) < 2.2
 
 
-def test_the_working_accuracy_is_that_of_triangulated_points(board_rig):
-    """Cameras drawn from the covariance triangulate the covered points with the scatter that is told."""
-    _, rig = board_rig
-    points = covered_points(rig.rectangles)
-    seen, moves = triangulation_shape(rig.cameras, points)
-    flat = moves.reshape(3 * len(seen), -1)
-    joint = flat @ rig.covariance @ flat.T
-    blocks = joint.reshape(len(seen), 3, len(seen), 3)[np.arange(len(seen)), :, np.arange(len(seen)), :]
-    told = np.sqrt(np.linalg.eigvalsh(blocks)[:, -1].mean())
-    assert told == pytest.approx(working_accuracy(rig.cameras, rig.covariance, points), rel=1e-9)
-    assert told == pytest.approx(rig.working_accuracy, rel=1e-9)
-
-
-def test_a_rigid_motion_of_the_whole_rig_is_no_doubt_of_its_shape(board_rig):
-    """Cameras known but for one common motion triangulate every shape right."""
-    _, rig = board_rig
-    motion = np.zeros((45, 6))
-    for index, camera in enumerate(rig.cameras):
-        start = 15 * index + 9
-        place = camera.rig_from_camera.translation
-        motion[start : start + 3, :3] = np.eye(3)
-        # Turning about the rig's origin carries each camera along.
-        for axis in range(3):
-            motion[start + 3 : start + 6, axis] = np.cross(np.eye(3)[axis], place)
-        motion[start + 3 : start + 6, 3:] = np.eye(3)
-    common = motion @ np.diag([0.01, 0.02, 0.01, 0.1, 0.2, 0.1]) ** 2 @ motion.T
-    points = covered_points(rig.rectangles)
-    assert working_accuracy(rig.cameras, common, points) < 1e-9
-    both = working_accuracy(rig.cameras, rig.covariance + common, points)
-    assert both == pytest.approx(rig.working_accuracy, rel=1e-6)
-
-
 def test_doubt_moves_with_the_frame(board_rig):
     """cam0 in cam1's frame is as sure as cam1 in cam0's."""
     made, rig = board_rig
@@ -128,7 +99,47 @@ def test_doubt_moves_with_the_frame(board_rig):
     np.testing.assert_allclose(other.pose_covariance("cam0"), turned, rtol=1e-3, atol=1e-4 * np.abs(turned).max())
 
 
-def test_points_that_one_camera_sees_cannot_be_triangulated(board_rig):
-    _, rig = board_rig
-    behind = Pose.identity().transform(np.array([[0.0, 0.0, -5.0], [0.1, 0, -5], [0, 0.1, -5]]))
-    assert np.isnan(working_accuracy(rig.cameras, rig.covariance, behind))
+def slopes(function, columns):
+    """By central differences, whose error is of the size of step squared times the third derivative."""
+    return np.stack([(function(1e-5 * a) - function(-1e-5 * a)) / 2e-5 for a in np.eye(columns)], axis=-1)
+
+
+@pytest.fixture(params=["pinhole", "fisheye"])
+def camera(request):
+    """A camera of which everything is free, two metres before the origin, not straight."""
+    lens = Intrinsics(1280, 720, 900.0, np.array([630.0, 355.0]), np.array([-0.1, 0.02, 1e-3, -5e-4, 1e-3]))
+    pose = Pose.from_vectors([0.2, -0.3, 0.1], [0.4, 0.2, -2.0])
+    return Camera("cam", replace(lens, model=request.param), pose, LENS_PARAMETERS)
+
+
+def test_camera_derivatives_are_those_of_the_projection(camera):
+    points = np.random.default_rng(0).uniform(-0.3, 0.3, (6, 3))
+
+    def pixels(step, shift):
+        lens = camera.intrinsics.with_parameters(camera.intrinsics.parameters + step[:9])
+        return lens.project(camera.rig_from_camera.retract(step[9:]).inverse().transform(points + shift))
+
+    found, by_camera, by_point = camera_derivatives(camera, points)
+    np.testing.assert_allclose(found, pixels(np.zeros(15), 0), atol=1e-9)
+    np.testing.assert_allclose(by_camera, slopes(lambda s: pixels(s, 0), 15), rtol=1e-5, atol=1e-4)
+    np.testing.assert_allclose(by_point, slopes(lambda s: pixels(np.zeros(15), s), 3), rtol=1e-5, atol=1e-4)
+
+
+def test_what_is_fixed_has_no_derivative(camera):
+    every = camera_derivatives(camera, np.array([0.1, 0.2, 0.3]))[1]
+    some = camera_derivatives(replace(camera, free_lens=("cx", "k1")), np.array([0.1, 0.2, 0.3]))[1]
+    kept = [1, 3, *range(9, 15)]
+    np.testing.assert_array_equal(some[:, kept], every[:, kept])
+    np.testing.assert_array_equal(np.delete(some, kept, axis=1), 0)
+
+
+def test_rectangle_derivatives_are_those_of_the_projection(camera):
+    points = rectangle_corners(0.3, 0.2)
+    pose = Pose.from_vectors([[0.3, 0.5, 0.2], [-0.2, 0.1, 1.0]], [[0.1, 0, 0.2], [0, 0.2, -0.1]])
+
+    def pixels(step):
+        in_rig = pose.retract(step)[:, None].transform(points)
+        return camera.intrinsics.project(camera.rig_from_camera.inverse().transform(in_rig))
+
+    by_point = camera_derivatives(camera, pose[:, None].transform(points))[2]
+    np.testing.assert_allclose(rectangle_derivatives(by_point, pose, points), slopes(pixels, 6), rtol=1e-5, atol=1e-4)
