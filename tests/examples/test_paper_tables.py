@@ -1,26 +1,16 @@
 """The first example prints the paper's tables beside ours: what it claims is so."""
 
-import importlib.util
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from quadrig.single.pose import Pose
 
-SCRIPT = Path(__file__).resolve().parents[2] / "examples" / "01_paper_tables.py"
-
 
 @pytest.fixture(scope="module")
-def tables():
-    spec = importlib.util.spec_from_file_location("paper_tables", SCRIPT)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules["paper_tables"] = module
-    spec.loader.exec_module(module)
-    return module
+def tables(load_script):
+    return load_script("examples/01_paper_tables.py")
 
 
 @pytest.mark.parametrize("noise", [1, 2, 3, 4, 5, 6])
@@ -74,7 +64,7 @@ def test_the_microsoft_data(tables, shared_data, capsys):
 
 
 def test_the_script_runs_and_says_what_it_leaves_out(tables, monkeypatch, capsys, tmp_path):
-    monkeypatch.setattr(sys, "argv", [str(SCRIPT), "--runs", "2", "--zhang", str(tmp_path)])
+    monkeypatch.setattr(sys, "argv", [tables.__file__, "--runs", "2", "--zhang", str(tmp_path)])
     monkeypatch.setattr(tables, "rendered", lambda truth: (truth, truth))
     tables.main()
     said = capsys.readouterr().out

@@ -17,7 +17,7 @@ av = pytest.importorskip("av")
 def write_video(path, pictures, codec="libx264", count=12, rate=25, **options):
     with av.open(str(path), "w") as container:
         stream = container.add_stream(codec, rate=rate, options={key: str(value) for key, value in options.items()})
-        stream.width, stream.height, stream.pix_fmt = pictures.width, pictures.height, "yuv420p"
+        stream.width, stream.height, stream.pix_fmt = pictures.WIDTH, pictures.HEIGHT, "yuv420p"
         for k in range(count):
             container.mux(stream.encode(av.VideoFrame.from_ndarray(pictures.picture(k), format="bgr24")))
         container.mux(stream.encode(None))

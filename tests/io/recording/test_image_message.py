@@ -79,14 +79,14 @@ def check(path, pictures, camera="cam0", count=5, colour=6.0, coded="") -> None:
     recording = open_recording([path])
     assert [one.name for one in recording.cameras] == [camera]
     found = recording.camera(camera)
-    assert (found.width, found.height, found.frames) == (pictures.width, pictures.height, count)
+    assert (found.width, found.height, found.frames) == (pictures.WIDTH, pictures.HEIGHT, count)
     assert found.stamps.tolist() == [START + k * PERIOD for k in range(count)]
     if coded:
         assert found.encoding == coded
     for k in range(count):
         bgr, gray = recording.frame(camera, k), recording.frame(camera, k, gray=True)
         assert bgr.dtype == gray.dtype == np.uint8
-        assert bgr.shape == (*gray.shape, 3) == (pictures.height, pictures.width, 3)
+        assert bgr.shape == (*gray.shape, 3) == (pictures.HEIGHT, pictures.WIDTH, 3)
         assert pictures.number(bgr) == pictures.number(gray) == k
         if colour:
             assert pictures.colour_error(bgr) < colour
@@ -112,7 +112,7 @@ def write_ros2(path, messages, schema="sensor_msgs/msg/Image", topic="/cam0/imag
 def test_ros2_image_in_every_encoding(tmp_path, pictures, encoding, padding):
     def message(k):
         data, step = raw(pictures.picture(k), encoding, padding)
-        size = {"height": pictures.height, "width": pictures.width}
+        size = {"height": pictures.HEIGHT, "width": pictures.WIDTH}
         return {**size, "encoding": encoding, "is_bigendian": 0, "step": step, "data": data}
 
     path = tmp_path / "bag.mcap"
@@ -147,7 +147,7 @@ def test_rosbags_writer(tmp_path, pictures, encoding):
             stamp = types["builtin_interfaces/msg/Time"](*divmod(START + k * PERIOD, 10**9))
             header = types["std_msgs/msg/Header"](stamp, "left")
             data, step = raw(pictures.picture(k), encoding, 8)
-            size = (pictures.height, pictures.width)
+            size = (pictures.HEIGHT, pictures.WIDTH)
             taken = types["sensor_msgs/msg/Image"](header, *size, encoding, 0, step, np.frombuffer(data, np.uint8))
             writer.write(image, START + k * PERIOD + LATENCY, store.serialize_cdr(taken, image.msgtype))
             info = types["sensor_msgs/msg/CameraInfo"](
@@ -195,7 +195,7 @@ def test_foxglove_raw_image_and_calibration(tmp_path, pictures, encoding):
     from foxglove.messages import CameraCalibration, RawImage
 
     context = foxglove.Context()
-    size = {"width": pictures.width, "height": pictures.height}
+    size = {"width": pictures.WIDTH, "height": pictures.HEIGHT}
     with foxglove.open_mcap(tmp_path / "a.mcap", context=context):
         images = RawImageChannel("/cam0/image_raw", context=context)
         lenses = CameraCalibrationChannel("/cam0/camera_info", context=context)
@@ -228,7 +228,7 @@ def test_foxglove_json(tmp_path, pictures, dated):
             name="foxglove.CameraCalibration", encoding="jsonschema", data=json.dumps(lens).encode()
         )
         lenses = foxglove.Channel("/cam0/camera_info", schema=named, message_encoding="json", context=context)
-        size = {"width": pictures.width, "height": pictures.height}
+        size = {"width": pictures.WIDTH, "height": pictures.HEIGHT}
         lenses.log({**size, "distortion_model": "plumb_bob", "D": [], "K": [70, 0, 48, 0, 70, 32, 0, 0, 1]})
         for k in range(5):
             data = base64.b64encode(cv2.imencode(".png", pictures.picture(k))[1].tobytes()).decode()
@@ -252,7 +252,7 @@ def test_foxglove_compressed_video(tmp_path, pictures, codec, form):
     from foxglove.messages import CompressedVideo
 
     encoder = av.CodecContext.create(codec, "w")
-    encoder.width, encoder.height, encoder.pix_fmt, encoder.gop_size = pictures.width, pictures.height, "yuv420p", 4
+    encoder.width, encoder.height, encoder.pix_fmt, encoder.gop_size = pictures.WIDTH, pictures.HEIGHT, "yuv420p", 4
     encoder.time_base = encoder.framerate = 30
     encoder.time_base = 1 / encoder.framerate
     encoder.max_b_frames = 0
@@ -291,7 +291,7 @@ def test_stamp_unset_means_time_of_recording(tmp_path, pictures):
 
 
 def test_depth_is_no_camera_and_a_broken_image_is_left_out(tmp_path, pictures):
-    size = {"height": pictures.height, "width": pictures.width}
+    size = {"height": pictures.HEIGHT, "width": pictures.WIDTH}
     depth = {**size, "encoding": "16UC1", "is_bigendian": 0, "step": 2 * size["width"]}
     depth["data"] = bytes(2 * size["width"] * size["height"])
     write_ros2(tmp_path / "depth.mcap", [depth], topic="/depth/image_raw")
@@ -321,7 +321,7 @@ def test_raw_and_compressed_of_one_camera_are_one_camera(tmp_path, pictures):
         header = {"stamp": {"sec": 1, "nanosec": 0}, "frame_id": ""}
         picture = pictures.picture(3)
         data, step = raw(picture, "bgr8")
-        size = {"height": pictures.height, "width": pictures.width}
+        size = {"height": pictures.HEIGHT, "width": pictures.WIDTH}
         message = {"header": header, **size, "encoding": "bgr8", "is_bigendian": 0, "step": step, "data": data}
         writer.write_message("/cam0/image_raw", image, message, 1)
         data = cv2.imencode(".jpg", picture)[1].tobytes()
