@@ -86,7 +86,7 @@ def _aligned(first: Rig, second: Rig, names: list[str]) -> tuple[Pose, Floats, F
         steps = np.array([a.step_to(b) for a, b in zip(stored, placed, strict=True)])
         rows = (np.sqrt(weight)[:, None] * scale).ravel()
         gauge = np.concatenate([_gauge(pose) for pose in placed])
-        pull = np.linalg.pinv(gauge * rows[:, None]) * rows
+        pull = np.asarray(np.linalg.pinv(gauge * rows[:, None]) * rows, float)
         first_from_second = Pose.from_twist(-(pull @ steps.ravel())) @ first_from_second
         miss = np.linalg.norm(steps * scale, axis=1)
         weight = 1 / np.maximum(miss / max(float(np.median(miss)), 1e-12), 1.0)

@@ -30,7 +30,7 @@ from quadrig.rig.result import CAMERA_PARAMETERS, Rig
 from quadrig.rig.start.lenses_and_poses import start
 from quadrig.rig.start.pose_graph import first_rig
 from quadrig.rig.words import length
-from quadrig.single.arrays import Floats
+from quadrig.single.arrays import Floats, Ints, Mask
 from quadrig.single.errors import QuadrigError
 from quadrig.single.lens import LENS_PARAMETERS
 from quadrig.single.pose import Pose
@@ -146,7 +146,7 @@ def _evidence(rig: Rig, problem: Problem) -> _Evidence:
     doubt = _stored_covariance(rig, problem, columns, new_from_old)
     unit = np.eye(len(matrix))
     information = matrix @ np.linalg.inv(unit + doubt @ matrix)
-    seen = np.linalg.solve(unit + matrix @ doubt, score)
+    seen = np.asarray(np.linalg.solve(unit + matrix @ doubt, score), float)
     poses = np.ix_(*[(np.arange(count)[:, None] * size + len(columns) + np.arange(6)).ravel()] * 2)
     return _Evidence(
         tuple(camera.name for camera in problem.cameras),
@@ -193,7 +193,7 @@ def _aligned(joint: Joint, stored: Sequence[Pose]) -> Pose:
     return best
 
 
-def _new_information(rig: Rig, problem: Problem, joint: Joint) -> tuple[Floats, Floats, Floats, float]:
+def _new_information(rig: Rig, problem: Problem, joint: Joint) -> tuple[Floats, Floats, Ints, float]:
     """H, g and the lens columns at the new rig, every lens that the stored rig estimated and every pose free; and the
     degrees of freedom of the noise that H and g rest on."""
     free = np.array(
@@ -218,7 +218,7 @@ def _new_information(rig: Rig, problem: Problem, joint: Joint) -> tuple[Floats, 
     return (*_without(matrix, gradient, is_clock), found.columns, max(freedom, 0.0) + USUAL_WEIGHT)
 
 
-def _without(matrix: Floats, gradient: Floats, nuisance: Floats) -> tuple[Floats, Floats]:
+def _without(matrix: Floats, gradient: Floats, nuisance: Mask) -> tuple[Floats, Floats]:
     """Information and gradient of the rest when what is of no interest takes its best value."""
     if not nuisance.any():
         return matrix, gradient
@@ -227,7 +227,7 @@ def _without(matrix: Floats, gradient: Floats, nuisance: Floats) -> tuple[Floats
     return rest, gradient[~nuisance] - gain @ gradient[nuisance]
 
 
-def _stored_covariance(rig: Rig, problem: Problem, columns: Floats, new_from_old: Pose) -> Floats:
+def _stored_covariance(rig: Rig, problem: Problem, columns: Ints, new_from_old: Pose) -> Floats:
     """The stored rig's covariance over lens columns and twists, in the new frame, in the order of the problem."""
     turn = np.kron(np.eye(2), new_from_old.rotation)
     size = len(columns) + 6
@@ -288,11 +288,13 @@ def _greedy(evidence: _Evidence, cameras: int, false_alarms: float) -> list[Came
 
 def _found_sigmas(limit: float, freedom: float) -> float:
     """Of how many sigmas a shift is that passes the limit with the power promised."""
-    from scipy.optimize import brentq
+    from scipy.optimize import root_scalar
     from scipy.stats import ncf
 
-    misses = lambda centre: ncf.sf(limit / _FREEDOMS, _FREEDOMS, freedom, centre) - _POWER  # noqa: E731
-    return float(np.sqrt(brentq(misses, 0.1, 1e3)))
+    def missing_power(centre: float) -> float:
+        return float(ncf.sf(limit / _FREEDOMS, _FREEDOMS, freedom, centre)) - _POWER
+
+    return float(np.sqrt(root_scalar(missing_power, bracket=(0.1, 1e3)).root))
 
 
 def _gain(evidence: _Evidence, others: list[int], index: int) -> float:
@@ -308,7 +310,7 @@ def _fall(evidence: _Evidence, cameras: list[int]) -> float:
     return float(score @ np.linalg.pinv(evidence.information[np.ix_(rows, rows)], hermitian=True) @ score)
 
 
-def _rows(cameras: list[int]) -> Floats:
+def _rows(cameras: list[int]) -> Ints:
     return (np.array(cameras)[:, None] * 6 + np.arange(6)).ravel()
 
 

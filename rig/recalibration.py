@@ -15,7 +15,7 @@ from quadrig.rig.problem.camera_input import CameraInput
 from quadrig.rig.result import CAMERA_PARAMETERS, Rig
 from quadrig.rig.start.lenses_and_poses import start
 from quadrig.rig.start.pose_graph import FirstRig, first_rig
-from quadrig.single.arrays import Floats
+from quadrig.single.arrays import Floats, Ints, Mask
 from quadrig.single.errors import QuadrigError
 from quadrig.single.lens import LENS_PARAMETERS
 from quadrig.single.pose import Pose
@@ -95,7 +95,7 @@ def _joined(problem: Problem, stays: set[str], moved: Sequence[str]) -> Problem:
     )
 
 
-def _in_rig_frame(problem: Problem, rig: Rig, first: FirstRig, standing: Floats) -> FirstRig:
+def _in_rig_frame(problem: Problem, rig: Rig, first: FirstRig, standing: Mask) -> FirstRig:
     """The first rig in the frame of the old one, standing cameras where they were."""
     anchor = int(np.flatnonzero(standing)[0])
     rig_from_anchor = rig.camera(problem.cameras[anchor].name).rig_from_camera
@@ -109,7 +109,7 @@ def _in_rig_frame(problem: Problem, rig: Rig, first: FirstRig, standing: Floats)
     )
 
 
-def _passed_on(problem: Problem, joint: Joint, rig: Rig, standing: Floats) -> Floats:
+def _passed_on(problem: Problem, joint: Joint, rig: Rig, standing: Mask) -> Floats:
     """Covariance (15 C, 15 C): of the moved cameras by themselves, and what the others' doubt adds to it."""
     free = joint.free.lens.copy()
     for row in np.flatnonzero(standing):
@@ -134,7 +134,7 @@ def _passed_on(problem: Problem, joint: Joint, rig: Rig, standing: Floats) -> Fl
     return camera_covariance(replace(joint, adjustment=found, reduced=undamped(found, opened), covariance=total))
 
 
-def _as_solved(problem: Problem, rig: Rig, standing: Floats, columns: Floats) -> Floats:
+def _as_solved(problem: Problem, rig: Rig, standing: Mask, columns: Ints) -> Floats:
     """The old rig's covariance over lens columns and twists of camera_from_rig, zero for the moved cameras."""
     size = len(columns) + 6
     spread = np.zeros((len(standing) * size, len(rig.covariance)))
@@ -167,5 +167,5 @@ def _with_absent(rig: Rig, solved: Rig, moved: Sequence[str]) -> Rig:
     return replace(solved, cameras=tuple(cameras), covariance=total)
 
 
-def _block(index: int) -> Floats:
+def _block(index: int) -> Ints:
     return np.arange(index * CAMERA_PARAMETERS, (index + 1) * CAMERA_PARAMETERS)

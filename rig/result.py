@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from quadrig.single.arrays import Floats
+from quadrig.single.arrays import Floats, Ints, Mask
 from quadrig.single.lens import LENS_PARAMETERS, Intrinsics
 from quadrig.single.pose import Pose, compose_jacobians, inverse_jacobian
 from quadrig.single.rectangle import Rectangle
@@ -47,7 +47,7 @@ class PlacedRectangle:
     rectangle: Rectangle
     rig_from_rect: Pose
     covariance: Floats
-    framesets: Floats = field(default_factory=lambda: np.zeros(0, int))
+    framesets: Ints = field(default_factory=lambda: np.zeros(0, int))
 
     @property
     def name(self) -> str:
@@ -65,7 +65,7 @@ class ViewFit:
 
     view: View
     residuals: Floats
-    used: Floats
+    used: Mask
     reading: int = 0
     rejected: str = ""
 

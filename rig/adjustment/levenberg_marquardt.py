@@ -20,7 +20,7 @@ from quadrig.rig.adjustment.normal_equations import (
 from quadrig.rig.adjustment.schur import Reduced, eliminate, node_steps, solve_cameras
 from quadrig.rig.adjustment.slack import EliminatedSlack, SlackPrior, eliminate_slack, slack_steps
 from quadrig.rig.problem.observations import Observations
-from quadrig.single.arrays import Floats
+from quadrig.single.arrays import Floats, Ints, Mask
 
 # A step that is expected to lower chi-square by less than this moves every parameter by less than a thousandth
 # of its own sigma: nothing that a result prints can change.
@@ -44,19 +44,19 @@ class FreeParameters:
     None where no View has any.
     """
 
-    lens: Floats
-    pose: Floats
-    node: Floats
+    lens: Mask
+    pose: Mask
+    node: Mask
     prior_mean: Floats
     prior_information: Floats
     slack: SlackPrior | None = None
 
     @property
-    def columns(self) -> Floats:
+    def columns(self) -> Ints:
         """Indices of the lens parameters that any camera estimates."""
         return np.flatnonzero(self.lens.any(axis=0))
 
-    def unknowns(self, columns: Floats, state: State) -> Floats:
+    def unknowns(self, columns: Ints, state: State) -> Mask:
         """(C, M) bool: which unknowns of the reduced system are estimated at a state."""
         parts = [self.lens[:, columns], np.repeat(self.pose[:, None], 6, axis=1)]
         if state.motion is not None and state.offsets is not None:
@@ -76,7 +76,7 @@ class Adjustment:
     linearised: Linearised
     normal: Normal
     layout: Layout
-    columns: Floats
+    columns: Ints
     eliminated: EliminatedSlack | None = None
 
 
@@ -153,7 +153,7 @@ class _Adjusted:
     observations: Observations
     free: FreeParameters
     tables: Layout
-    columns: Floats
+    columns: Ints
     noise: float
     robust: bool
 
@@ -217,7 +217,7 @@ def followed(found: Adjustment, observations: Observations, reduced: Reduced, st
 
 def _stepped(
     observations: Observations,
-    columns: Floats,
+    columns: Ints,
     state: State,
     eliminated: EliminatedSlack | None,
     steps: Floats,
@@ -254,7 +254,7 @@ def _prior_cost(state: State, free: FreeParameters) -> float:
     return cost
 
 
-def with_prior(normal: Normal, state: State, free: FreeParameters, columns: Floats) -> Normal:
+def with_prior(normal: Normal, state: State, free: FreeParameters, columns: Ints) -> Normal:
     """The normal equations with the priors of the lens parameters added."""
     information = (free.prior_information * free.lens)[:, columns]
     cameras, gradient = normal.cameras.copy(), normal.camera_gradient.copy()

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from quadrig.rig.problem.build import Problem, components
-from quadrig.single.arrays import Floats
+from quadrig.single.arrays import Floats, Ints, Mask
 from quadrig.single.pose import Pose
 
 # Framesets further apart than this (s) say little of the motion between them: a hand turns around in half a second.
@@ -32,8 +32,8 @@ class Motion:
     rate: Floats
     bend: Floats
     lag: Floats
-    tells: Floats
-    free: Floats
+    tells: Mask
+    free: Mask
 
     def step(self, offset: Floats) -> Floats:
         """Steps (V, 6) from the nodes' poses for the clock offsets (V,) s of the Views' cameras."""
@@ -84,7 +84,7 @@ def motion(problem: Problem, rig_from_node: Pose, offsets: Floats) -> Motion | N
     )
 
 
-def _neighbours(problem: Problem, node_time: Floats) -> Floats:
+def _neighbours(problem: Problem, node_time: Floats) -> Ints:
     """Nodes (R, 3) of one moving rectangle, each with its two nearest in time: before and after it, but at the ends
     of a run of framesets both on one side."""
     by_rectangle: dict[str, list[int]] = {}

@@ -12,7 +12,7 @@ import numpy as np
 
 from quadrig.rig.adjustment.motion import Motion
 from quadrig.rig.problem.observations import ObservationGroup, Observations
-from quadrig.single.arrays import Floats
+from quadrig.single.arrays import Floats, Ints
 from quadrig.single.lens import LENS_PARAMETERS, fill_projection_rows, project
 from quadrig.single.pose import Pose
 from quadrig.single.rotation import cross_matrix
@@ -80,7 +80,7 @@ class Linearised:
 
 
 def linearise(
-    observations: Observations, state: State, columns: Floats, noise: float, *, robust: bool = False
+    observations: Observations, state: State, columns: Ints, noise: float, *, robust: bool = False
 ) -> Linearised:
     """Gram matrices at a state, with weights of 1/noise^2 and, where robust, of Cauchy's loss.
 
@@ -100,7 +100,7 @@ def linearise(
 
 
 def _gram(
-    group: ObservationGroup, state: State, chained: Pose, columns: Floats, noise: float, robust: bool
+    group: ObservationGroup, state: State, chained: Pose, columns: Ints, noise: float, robust: bool
 ) -> tuple[Floats, Floats, float]:
     """Gram matrices (V, K+7, K+7), squared residuals (V, P) px^2 and cost of some Views."""
     rows, square = _rows(group, state.lens[group.camera], chained[group.view], columns)
@@ -144,7 +144,7 @@ def _weighed(group: ObservationGroup, square: Floats, noise: float, robust: bool
     return weights, cost
 
 
-def _rows(group: ObservationGroup, lens: Floats, camera_from_rect: Pose, columns: Floats) -> tuple[Floats, Floats]:
+def _rows(group: ObservationGroup, lens: Floats, camera_from_rect: Pose, columns: Ints) -> tuple[Floats, Floats]:
     """Rows (K + 7, V, 2, P) of derivatives and residual, and squared residuals (V, P)."""
     count, size = group.weights.shape
     turned = (camera_from_rect.rotation @ np.swapaxes(group.points, -1, -2)).transpose(1, 0, 2).copy()
@@ -184,29 +184,29 @@ class Layout:
     view_by_camera: "_Sum"
     view_by_node: "_Sum"
     view_by_pair: "_Sum"
-    pair_node: Floats
-    pair_camera: Floats
+    pair_node: Ints
+    pair_camera: Ints
     pair_by_node: "_Sum"
     pair_by_camera: "_Sum"
-    meeting_left: Floats
-    meeting_right: Floats
+    meeting_left: Ints
+    meeting_right: Ints
     meeting_by_block: "_Sum"
-    block_left: Floats
-    block_right: Floats
-    diagonal: Floats
+    block_left: Ints
+    block_right: Ints
+    diagonal: Ints
 
 
 @dataclass(frozen=True, eq=False)
 class _Sum:
     """Sums rows that carry one key: result[keys] = sum of rows; `total` rows in all."""
 
-    order: Floats
-    starts: Floats
-    keys: Floats
+    order: Ints
+    starts: Ints
+    keys: Ints
     total: int
 
     @staticmethod
-    def over(key: Floats, total: int | None = None) -> "_Sum":
+    def over(key: Ints, total: int | None = None) -> "_Sum":
         order = np.argsort(key, kind="stable")
         ordered = key[order]
         starts = np.flatnonzero(np.diff(ordered, prepend=-1))
@@ -252,7 +252,7 @@ def layout(observations: Observations) -> Layout:
     )
 
 
-def _meetings(pair_node: Floats) -> tuple[Floats, Floats]:
+def _meetings(pair_node: Ints) -> tuple[Ints, Ints]:
     """All (left <= right) of positions in the sorted pair_node that carry the same node."""
     _, starts, counts = np.unique(pair_node, return_index=True, return_counts=True)
     left, right = [], []

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from quadrig.rig.adjustment.normal_equations import Layout, Normal
-from quadrig.single.arrays import Floats
+from quadrig.single.arrays import Floats, Ints, Mask
 
 if TYPE_CHECKING:
     import scipy.sparse
@@ -31,14 +31,14 @@ class Reduced:
     """
 
     blocks: Floats
-    left: Floats
-    right: Floats
+    left: Ints
+    right: Ints
     gradient: Floats
-    free: Floats
+    free: Mask
     node_inverse: Floats
 
 
-def eliminate(normal: Normal, layout: Layout, free: Floats, free_nodes: Floats, damping: float = 0.0) -> Reduced:
+def eliminate(normal: Normal, layout: Layout, free: Mask, free_nodes: Mask, damping: float = 0.0) -> Reduced:
     """Schur complement on the cameras. damping: share of each diagonal element that is added to it (Marquardt)."""
     inverse = node_inverses(normal, damping)
     inverse[~free_nodes] = 0.0
@@ -67,7 +67,7 @@ def _met(through: Floats, normal: Normal, layout: Layout, cameras: int) -> Float
 
 def node_inverses(normal: Normal, damping: float = 0.0) -> Floats:
     """Inverses (N, 6, 6) of the rectangle poses' own blocks: their covariances, were all cameras known."""
-    return np.linalg.inv(_damped(normal.nodes, damping) + _EMPTY_NODE * np.eye(6))
+    return np.asarray(np.linalg.inv(_damped(normal.nodes, damping) + _EMPTY_NODE * np.eye(6)), float)
 
 
 def _damped(blocks: Floats, damping: float) -> Floats:
@@ -104,7 +104,7 @@ def dense_matrix(reduced: Reduced) -> Floats:
     return matrix
 
 
-def _dense(blocks: Floats, left: Floats, right: Floats, cameras: int) -> Floats:
+def _dense(blocks: Floats, left: Ints, right: Ints, cameras: int) -> Floats:
     size = blocks.shape[-1]
     matrix = np.zeros((cameras, size, cameras, size))
     matrix[left, :, right, :] = blocks
@@ -112,7 +112,7 @@ def _dense(blocks: Floats, left: Floats, right: Floats, cameras: int) -> Floats:
     return matrix.reshape(cameras * size, cameras * size)
 
 
-def block_matrix(blocks: Floats, left: Floats, right: Floats, cameras: int) -> "Floats | scipy.sparse.csr_array":
+def block_matrix(blocks: Floats, left: Ints, right: Ints, cameras: int) -> "Floats | scipy.sparse.csr_array":
     """The symmetric matrix (C M, C M) of blocks (B, M, M) at (left <= right), sparse where it is large."""
     size = blocks.shape[-1]
     if cameras * size < _SMALL_SYSTEM:
@@ -138,7 +138,7 @@ def _solve_dense(reduced: Reduced, right: Floats) -> Floats:
     return solution * (scale if right.ndim == 1 else scale[:, None])
 
 
-def _band(reduced: Reduced) -> tuple[Floats, int] | None:
+def _band(reduced: Reduced) -> tuple[Ints, int] | None:
     """An order of cameras that keeps who meets whom near the diagonal, and its width; None where dense is as good."""
     cameras, size = reduced.free.shape
     if cameras * size < _SMALL_SYSTEM:
@@ -154,7 +154,7 @@ def _band(reduced: Reduced) -> tuple[Floats, int] | None:
     return (place, width) if width < _BAND_SHARE * cameras else None
 
 
-def _solve_banded(reduced: Reduced, right: Floats, place: Floats, width: int) -> Floats:
+def _solve_banded(reduced: Reduced, right: Floats, place: Ints, width: int) -> Floats:
     from scipy.linalg import solveh_banded
 
     cameras, size = reduced.free.shape

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from quadrig.single.arrays import Floats
+from quadrig.single.arrays import Floats, Mask
 
 # Degrees of freedom of Student's t for the slack: low enough for stray Views to stray, high enough for a variance.
 _STUDENT = 4.0
@@ -27,12 +27,12 @@ class SlackPrior:
     loose (V,) bool: Views that have any slack.
     """
 
-    loose: Floats
+    loose: Mask
     weight: Floats
     precision: Floats
 
     @staticmethod
-    def wide(loose: Floats, width: float) -> "SlackPrior":
+    def wide(loose: Mask, width: float) -> "SlackPrior":
         """The same width, rad and m, for every loose View."""
         return SlackPrior(loose, np.ones(len(loose)), np.full(6, width**-2))
 
@@ -57,7 +57,7 @@ class EliminatedSlack:
 def eliminate_slack(gram: Floats, slack: Floats, information: Floats) -> EliminatedSlack:
     """Eliminate slack (V, 6) with prior information (V, 6); where that is infinite the View has none."""
     lens = gram.shape[-1] - 7
-    loose = np.isfinite(information).all(axis=1)
+    loose = np.all(np.isfinite(information), axis=1)
     held = np.where(loose[:, None], information, 0.0)
     rows = gram[:, lens : lens + 6, :].copy()
     rows[:, :, -1] -= held * slack
@@ -102,6 +102,6 @@ def learned(slack: Floats, variances: Floats, prior: SlackPrior) -> SlackPrior:
     return SlackPrior(prior.loose, every, 1 / np.array([rotation] * 3 + [translation] * 3))
 
 
-def strays(slack: Floats, prior: SlackPrior) -> Floats:
+def strays(slack: Floats, prior: SlackPrior) -> Mask:
     """Views (V,) bool whose slack is far beyond the width that the Views together have."""
     return prior.loose & ((slack**2 * prior.precision).sum(axis=1) > 6 * _STRAY**2)

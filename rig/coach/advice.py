@@ -20,7 +20,7 @@ from quadrig.rig.coach.planned_doubt import planning_doubt
 from quadrig.rig.doubt.working_accuracy import covered_points
 from quadrig.rig.result import Rig
 from quadrig.rig.words import millimetres
-from quadrig.single.arrays import Floats
+from quadrig.single.arrays import Floats, Mask
 from quadrig.single.pose import Pose
 from quadrig.single.rectangle import Rectangle
 from quadrig.single.view import View
@@ -188,7 +188,7 @@ def best_placement(situation: Situation, rig: Rig) -> Advice | None:
     volume = covered_points(rig.rectangles)
     weight = accuracy_weight(rig.cameras, volume)
     before = float(np.trace(weight @ rig.covariance))
-    best: tuple[float, Placements, Floats, Floats, int] | None = None
+    best: tuple[float, Placements, Mask, Floats, int] | None = None
     for rectangle in _in_hand(situation.rectangles):
         placements = imagine(rig.cameras, rectangle, volume)
         good = within_reach(placements, volume) & ~_refused(placements, situation.refused)
@@ -212,8 +212,8 @@ def best_placement(situation: Situation, rig: Rig) -> Advice | None:
 
 
 def _worth_answering_for(
-    rig: Rig, placements: Placements, sees: Floats, volume: Floats, before: float, held: Floats
-) -> Floats:
+    rig: Rig, placements: Placements, sees: Mask, volume: Floats, before: float, held: Floats
+) -> Mask:
     """Which placements (B,) leave the covered volume one that can be answered for; all where none does.
 
     A placement far out, where the rig will know little even afterwards, lowers the doubt of the middle but widens
@@ -236,7 +236,7 @@ def _noise(rig: Rig) -> float:
     return rig.noise if np.isfinite(rig.noise) and rig.noise > 0 else 1.0
 
 
-def _refused(placements: Placements, refused: Collection[Pose]) -> Floats:
+def _refused(placements: Placements, refused: Collection[Pose]) -> Mask:
     near = np.zeros(len(placements), bool)
     for pose in refused:
         offset = placements.rig_from_rect.translation - pose.translation
@@ -245,7 +245,7 @@ def _refused(placements: Placements, refused: Collection[Pose]) -> Floats:
 
 
 def _why(
-    situation: Situation, rig: Rig, placements: Placements, sees: Floats, drops: Floats, chosen: int, weight: Floats
+    situation: Situation, rig: Rig, placements: Placements, sees: Mask, drops: Floats, chosen: int, weight: Floats
 ) -> tuple[AdviceKind, str, tuple[str, ...]]:
     """What makes the chosen placement better than its plainer neighbours: the change that costs most of the drop."""
     camera = rig.cameras[int(placements.camera[chosen])].name
@@ -291,13 +291,13 @@ def _common_views(situation: Situation, first: str, second: str) -> int:
     return len(seen_by[first] & seen_by[second])
 
 
-def _loss(drops: Floats, chosen: int, plainer: Floats) -> float:
+def _loss(drops: Floats, chosen: int, plainer: Mask) -> float:
     """Part of the drop that the best of the plainer placements does not give; all of it where there is none."""
     return 1.0 if not plainer.any() else 1.0 - float(drops[plainer].max() / drops[chosen])
 
 
 def _shared_with(
-    rig: Rig, placements: Placements, sees: Floats, chosen: int, weight: Floats
+    rig: Rig, placements: Placements, sees: Mask, chosen: int, weight: Floats
 ) -> tuple[str, float] | None:
     """The other camera whose seeing the sheet too matters most, and the part of the drop that hangs on it."""
     own = int(placements.camera[chosen])
@@ -308,7 +308,9 @@ def _shared_with(
     without[np.arange(len(others)), others] = False
     copies = placements[np.full(len(others), chosen)]
     drops = expected_drop(rig.cameras, rig.covariance, weight, copies, without, _noise(rig))
-    full = expected_drop(rig.cameras, rig.covariance, weight, placements[[chosen]], sees[[chosen]], _noise(rig))
+    full = expected_drop(
+        rig.cameras, rig.covariance, weight, placements[np.array([chosen])], sees[[chosen]], _noise(rig)
+    )
     worst = int(np.argmin(drops))
     return rig.cameras[int(others[worst])].name, 1.0 - float(drops[worst] / full[0])
 

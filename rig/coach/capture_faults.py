@@ -5,9 +5,9 @@ from collections.abc import Mapping, Sequence
 import cv2
 import numpy as np
 
-from quadrig.rig.coach.edge_width import EdgeWidths, Picture, edge_widths
+from quadrig.rig.coach.edge_width import EdgeWidths, edge_widths
 from quadrig.rig.coach.fault import Fault
-from quadrig.single.arrays import Floats
+from quadrig.single.arrays import Floats, Picture
 from quadrig.single.detect.tag_ids import known_tags
 from quadrig.single.marking import CharucoMarking, PlainMarking, TagMarking
 from quadrig.single.rectangle import Rectangle
@@ -86,7 +86,7 @@ def outer_corners(view: View) -> Floats:
     return view.pixels[np.argmax(centred @ directions.T, axis=0)]
 
 
-def _inside(grey: Picture, view: View) -> Floats:
+def _inside(grey: Picture, view: View) -> Picture:
     corners = outer_corners(view)
     low = np.clip(np.floor(corners.min(0)), 0, None).astype(int)
     high = np.ceil(corners.max(0)).astype(int) + 1

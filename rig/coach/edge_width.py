@@ -4,12 +4,9 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from quadrig.single.arrays import Floats
+from quadrig.single.arrays import Floats, Mask, Picture
 from quadrig.single.view import View
-
-Picture = NDArray[np.uint8]
 
 # The two blurs (sigma, px) under which edges are compared: above a pixel's noise, below the cells of small tags.
 _FINE, _COARSE = 1.0, 2.5
@@ -35,7 +32,7 @@ class EdgeWidths:
     tenth: float
 
 
-def edge_widths(grey: Picture, inside: NDArray[np.bool_] | None = None) -> EdgeWidths:
+def edge_widths(grey: Picture, inside: Mask | None = None) -> EdgeWidths:
     """Widths of the edges in a picture (H, W), or of those at the pixels that are `inside` (H, W).
 
     A step of width s has a slope of 1 / sqrt(s^2 + b^2) under a blur of b: the ratio of the slopes under two blurs
@@ -78,7 +75,7 @@ def _slope(grey: Picture, blur: float) -> tuple[Floats, Floats]:
     """Greatest slope (H, W) of the blurred picture, grey levels per px, and its direction, rad."""
     smooth = cv2.GaussianBlur(grey.astype(np.float32), (0, 0), blur)
     across, down = (cv2.Sobel(smooth, cv2.CV_32F, *d, ksize=1, scale=0.5) for d in ((1, 0), (0, 1)))
-    return cv2.magnitude(across, down), np.arctan2(down, across)
+    return np.asarray(cv2.magnitude(across, down), float), np.asarray(np.arctan2(down, across), float)
 
 
 def _width(ratio: Floats) -> Floats:

@@ -18,7 +18,7 @@ from quadrig.rig.doubt.information import (
 )
 from quadrig.rig.doubt.working_accuracy import rigid_part
 from quadrig.rig.result import CAMERA_PARAMETERS, Camera
-from quadrig.single.arrays import Floats
+from quadrig.single.arrays import Floats, Ints, Mask
 from quadrig.single.marking import CharucoMarking, ChessboardMarking
 from quadrig.single.pose import Pose
 from quadrig.single.rectangle import Rectangle, rectangle_corners
@@ -63,19 +63,26 @@ class Placements:
 
     rectangle: Rectangle
     rig_from_rect: Pose
-    camera: Floats
+    camera: Ints
     region: Floats
     fill: Floats
     tilt: Floats
-    toward: Floats
+    toward: Ints
 
     def __len__(self) -> int:
         return len(self.camera)
 
-    def __getitem__(self, index) -> "Placements":
+    def __getitem__(self, index: Ints | Mask | slice) -> "Placements":
         """Some of the placements."""
-        parts = (self.camera, self.region, self.fill, self.tilt, self.toward)
-        return Placements(self.rectangle, self.rig_from_rect[index], *(part[index] for part in parts))
+        return Placements(
+            self.rectangle,
+            self.rig_from_rect[index],
+            self.camera[index],
+            self.region[index],
+            self.fill[index],
+            self.tilt[index],
+            self.toward[index],
+        )
 
 
 def planning_points(rectangle: Rectangle) -> tuple[Floats, float]:
@@ -171,7 +178,7 @@ def _between(middle: Floats, first: Floats, second: Floats) -> Floats:
     return middle + directions[0] + directions[1]
 
 
-def seen(cameras: Sequence[Camera], placements: Placements) -> Floats:
+def seen(cameras: Sequence[Camera], placements: Placements) -> Mask:
     """Which camera (B, C) would find the whole sheet: in its picture, from the front, large enough."""
     poses = placements.rig_from_rect
     corners = poses[:, None].transform(rectangle_corners(placements.rectangle.width, placements.rectangle.height))
@@ -207,7 +214,7 @@ def expected_drop(
     covariance: Floats,
     weight: Floats,
     placements: Placements,
-    sees: Floats,
+    sees: Mask,
     sigma: float,
 ) -> Floats:
     """By how much (B,) each placement, once seen, lowers trace(weight covariance), m^2. sees (B, C); sigma in px."""
@@ -219,9 +226,7 @@ def expected_drop(
     return np.where(sees.any(1), np.trace(drop, axis1=-2, axis2=-1), 0.0)
 
 
-def _told(
-    cameras: Sequence[Camera], placements: Placements, sees: Floats, sigma: float
-) -> tuple[Floats, Floats, Floats]:
+def _told(cameras: Sequence[Camera], placements: Placements, sees: Mask, sigma: float) -> tuple[Floats, Ints, Floats]:
     """What each placement tells: rows (B, n, m) on the parameters at `places` (B, m); their noise (n, n), px^2."""
     points, factor = planning_points(placements.rectangle)
     chosen = np.argsort(~sees, axis=1, kind="stable")[
@@ -237,7 +242,7 @@ def _told(
 
 
 def own_variance(
-    cameras: Sequence[Camera], covariance: Floats, volume: Floats, placements: Placements, sees: Floats, sigma: float
+    cameras: Sequence[Camera], covariance: Floats, volume: Floats, placements: Placements, sees: Mask, sigma: float
 ) -> tuple[Floats, Floats]:
     """Once each placement is seen: summed variance (B,), m^2, of its own corners and middle against the volume's
     (N, 3) frame, and how many (B,) of them two cameras have in their pictures."""
@@ -255,17 +260,17 @@ def own_variance(
     return np.maximum(before - drop, 0), counted.reshape(len(placements), -1).sum(1)
 
 
-def _against(cameras: Sequence[Camera], volume: Floats, points: Floats) -> tuple[Floats, Floats]:
+def _against(cameras: Sequence[Camera], volume: Floats, points: Floats) -> tuple[Floats, Mask]:
     """How points (M, 3) move with the parameters (M, 3, 15 C) when the volume's own rigid motion is taken out, zero
     for those that fewer than two cameras see; and which (M,) are seen by two."""
     sees = [np.stack([visible(camera, p) for camera in cameras]) for p in (volume, points)]
     known, moved = (triangulation_derivatives(cameras, p, s) for p, s in zip((volume, points), sees, strict=True))
-    kept = np.isfinite(known).all((1, 2))
+    kept = np.all(np.isfinite(known), axis=(1, 2))
     middle = volume[kept].mean(0) if kept.any() else np.zeros(3)
     motion = np.linalg.lstsq(
         _rigid_basis(volume[kept] - middle).reshape(-1, 6), known[kept].reshape(3 * int(kept.sum()), -1), rcond=None
     )[0]
-    counted = np.isfinite(moved).all((1, 2))
+    counted = np.all(np.isfinite(moved), axis=(1, 2))
     shape = np.where(counted[:, None, None], moved - _rigid_basis(points - middle) @ motion, 0.0)
     return shape, counted
 
@@ -276,7 +281,7 @@ def _rigid_basis(arms: Floats) -> Floats:
 
 
 def _stacked_derivatives(
-    cameras: Sequence[Camera], placements: Placements, points: Floats, chosen: Floats, taken: Floats
+    cameras: Sequence[Camera], placements: Placements, points: Floats, chosen: Ints, taken: Mask
 ) -> tuple[Floats, Floats]:
     """Of all pixels of each placement: by its chosen cameras (B, 2KP, 15K) and by the sheet's pose (B, 2KP, 6)."""
     count, kept, rows = len(placements), chosen.shape[1], 2 * len(points)
@@ -294,7 +299,7 @@ def _stacked_derivatives(
     return by_cameras.reshape(count, kept * rows, -1), by_rectangle.reshape(count, kept * rows, 6)
 
 
-def within_reach(placements: Placements, been: Floats, reach: float = _REACH) -> Floats:
+def within_reach(placements: Placements, been: Floats, reach: float = _REACH) -> Mask:
     """Which placements (B,) a person can be asked for without going elsewhere: in the box of the places (N, 3) the
     sheet has been, widened by `reach` metres. All of them where none is."""
     everywhere = np.ones(len(placements), bool)

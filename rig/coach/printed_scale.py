@@ -40,7 +40,7 @@ def scale_fault(rig: Rig) -> Fault | None:
     if abs(error[worst]) < max(_LEAST_ERROR, _LEAST_SIGMAS * doubt[worst]):
         return None
     name, percent = scales.names[worst], 100 * float(np.expm1(error[worst]))
-    other = "the others" if len(scales.names) > 2 else scales.names[0]
+    other = scales.names[0] if len(scales.names) == 2 else "the others"
     bigger = "larger" if percent > 0 else "smaller"
     return Fault(
         "wrong scale",

@@ -9,8 +9,9 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
-from quadrig.single.arrays import Floats
+from quadrig.single.arrays import Floats, Ints
 
 # A hand-held sheet rests for this share of the time or more; images with more motion than that count the less.
 _CALM = 0.3
@@ -30,11 +31,11 @@ class Looks:
     unit that rises with it; nan where there is none.
     """
 
-    thumbnails: Floats
+    thumbnails: NDArray[np.floating]
     sharpness: Floats
 
 
-def choose_framesets(looks: Looks, share: float) -> Floats:
+def choose_framesets(looks: Looks, share: float) -> Ints:
     """Rising indices of the framesets chosen, about `share` of all and no fewer than LEAST.
 
     Greedy: each time the frameset is taken whose images, weighted by their quality, differ most from the nearest
@@ -50,7 +51,7 @@ def choose_framesets(looks: Looks, share: float) -> Floats:
     return np.sort(candidates[chosen])
 
 
-def _spread_out(quality: Floats, features: Floats, wanted: int) -> Floats:
+def _spread_out(quality: Floats, features: NDArray[np.float32], wanted: int) -> Ints:
     """Indices of the farthest points (S, C, D), weighted by quality (S, C)."""
     chosen = [int(np.argmax(quality.sum(axis=1)))]
     distance = np.full(quality.shape, np.finfo(float).max)
@@ -63,7 +64,7 @@ def _spread_out(quality: Floats, features: Floats, wanted: int) -> Floats:
     return np.array(chosen)
 
 
-def _best_of_each_slot(quality: Floats, slots: int) -> Floats:
+def _best_of_each_slot(quality: Floats, slots: int) -> Ints:
     """Index of the best of the framesets (S,) in each of so many stretches of time; all where they are no more."""
     if len(quality) <= slots:
         return np.arange(len(quality))
@@ -84,7 +85,7 @@ def image_quality(looks: Looks) -> Floats:
     return np.nan_to_num(stillness * sharpness)
 
 
-def _motion(thumbnails: Floats) -> Floats:
+def _motion(thumbnails: NDArray[np.floating]) -> Floats:
     """How much each image differs from the one before and the one after, the lesser of both worse (S, C)."""
     steps = np.sqrt(np.mean(np.diff(thumbnails, axis=0) ** 2, axis=(2, 3)))
     padded = np.concatenate([steps[:1], steps, steps[-1:]])
@@ -92,7 +93,7 @@ def _motion(thumbnails: Floats) -> Floats:
     return np.fmax(padded[:-1], padded[1:])
 
 
-def _features(thumbnails: Floats) -> Floats:
+def _features(thumbnails: NDArray[np.floating]) -> NDArray[np.float32]:
     """(S, C, D) what tells images apart: each camera's thumbnails against their median over time."""
     count, cameras = thumbnails.shape[:2]
     with warnings.catch_warnings():

@@ -85,4 +85,5 @@ def _own_step(rig: Rig, fit: ViewFit) -> tuple[Floats, Floats]:
     if told.sum() < 6:
         return unknown
     normal = by_step[told].T @ by_step[told]
-    return np.linalg.lstsq(by_step[told], residuals[told], rcond=None)[0], normal
+    step = np.linalg.lstsq(by_step[told], residuals[told], rcond=None)[0]
+    return np.asarray(step, float), normal

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from quadrig.rig.result import Camera
-from quadrig.single.arrays import Floats
+from quadrig.single.arrays import Floats, Mask
 from quadrig.single.lens import LENS_PARAMETERS, LensModel, project_with_derivatives
 from quadrig.single.pose import Pose
 from quadrig.single.rotation import cross_matrix
@@ -21,8 +21,9 @@ def camera_derivatives(camera: Camera, points: Floats) -> tuple[Floats, Floats, 
     Columns of lens parameters that are not free are zero. nan where the camera cannot see the point.
     """
     points = np.asarray(points, float)
-    every = derivatives_of_all([camera], points.reshape(-1, 3))
-    return tuple(one[0].reshape(*points.shape[:-1], *one.shape[2:]) for one in every)  # type: ignore[return-value]
+    pixels, by_camera, by_point = derivatives_of_all([camera], points.reshape(-1, 3))
+    shape = points.shape[:-1]
+    return pixels.reshape(*shape, 2), by_camera.reshape(*shape, 2, -1), by_point.reshape(*shape, 2, 3)
 
 
 def derivatives_of_all(cameras: Sequence[Camera], points: Floats) -> tuple[Floats, Floats, Floats]:
@@ -91,7 +92,7 @@ def scaled_inverse(matrix: Floats) -> Floats:
     return np.linalg.pinv(matrix / np.outer(scale, scale), hermitian=True) / np.outer(scale, scale)
 
 
-def triangulation_derivatives(cameras: Sequence[Camera], points: Floats, sees: Floats | None = None) -> Floats:
+def triangulation_derivatives(cameras: Sequence[Camera], points: Floats, sees: Mask | None = None) -> Floats:
     """How triangulated points (N, 3) move with the cameras' parameters: (N, 3, 15 C).
 
     sees (C, N) bool: which camera takes part; where None, those into whose picture a point falls. nan for points that
@@ -111,7 +112,7 @@ def triangulation_derivatives(cameras: Sequence[Camera], points: Floats, sees: F
     return result
 
 
-def visible(camera: Camera, points: Floats, margin: float = 0.0) -> Floats:
+def visible(camera: Camera, points: Floats, margin: float = 0.0) -> Mask:
     """Which points (..., 3) of the rig frame fall into the picture, `margin` px from its border. (...) bool."""
     pixels = camera.intrinsics.project(
         (points - camera.rig_from_camera.translation) @ camera.rig_from_camera.rotation
@@ -119,10 +120,10 @@ def visible(camera: Camera, points: Floats, margin: float = 0.0) -> Floats:
     return _in_picture(camera, pixels, margin)
 
 
-def _in_picture(camera: Camera, pixels: Floats, margin: float = 0.0) -> Floats:
+def _in_picture(camera: Camera, pixels: Floats, margin: float = 0.0) -> Mask:
     size = np.array([camera.intrinsics.width, camera.intrinsics.height])
     with np.errstate(invalid="ignore"):
-        return ((pixels >= margin) & (pixels <= size - 1 - margin)).all(-1)
+        return np.all((pixels >= margin) & (pixels <= size - 1 - margin), axis=-1)
 
 
 def _free(camera: Camera) -> Floats:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from quadrig.rig.result import Rig, ViewFit
-from quadrig.single.arrays import Floats
+from quadrig.single.arrays import Floats, Ints
 
 COLUMNS, ROWS = 8, 6
 """Fields of the picture, across and down, in which coverage and mean residuals are counted."""
@@ -24,7 +24,7 @@ class ResidualField:
 
     pixels: Floats
     residuals: Floats
-    counts: Floats
+    counts: Ints
     means: Floats
     pattern: float
 
@@ -56,7 +56,7 @@ def residual_field(rig: Rig, camera: str) -> ResidualField:
     )
 
 
-def _pose_numbers(rig: Rig, fits: Sequence[ViewFit]) -> Floats:
+def _pose_numbers(rig: Rig, fits: Sequence[ViewFit]) -> Ints:
     """A number for each pose of a rectangle: one for all framesets of a static one."""
     moving = {placed.name for placed in rig.rectangles if placed.rectangle.moving}
     keys = [(fit.view.rectangle, fit.view.frameset if fit.view.rectangle in moving else -1) for fit in fits]
@@ -64,7 +64,7 @@ def _pose_numbers(rig: Rig, fits: Sequence[ViewFit]) -> Floats:
     return np.array([number[key] for key in keys], int)
 
 
-def _means(place: Floats, residuals: Floats, total: int) -> tuple[Floats, Floats]:
+def _means(place: Ints, residuals: Floats, total: int) -> tuple[Ints, Floats]:
     """Counts (total,) and mean residuals (total, 2), nan where there are none."""
     counts = np.bincount(place, minlength=total)
     sums = np.stack([np.bincount(place, residuals[:, axis], total) for axis in (0, 1)], axis=1)
@@ -72,7 +72,7 @@ def _means(place: Floats, residuals: Floats, total: int) -> tuple[Floats, Floats
         return counts, sums / counts[:, None]
 
 
-def _pattern(place: Floats, pose: Floats, residuals: Floats) -> float:
+def _pattern(place: Ints, pose: Ints, residuals: Floats) -> float:
     """Corners of one pose err together (it moved, it bends), and those of a static rectangle err alike again and
     again: what its mean is in a field is one sample."""
     if not len(place):

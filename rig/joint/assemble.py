@@ -13,7 +13,7 @@ from quadrig.rig.problem.build import Problem
 from quadrig.rig.problem.camera_input import CameraInput
 from quadrig.rig.result import CAMERA_PARAMETERS, Camera, PlacedRectangle, Rig, ViewFit
 from quadrig.rig.start.pose_graph import FirstRig
-from quadrig.single.arrays import Floats
+from quadrig.single.arrays import Floats, Ints, Mask
 from quadrig.single.lens import LENS_PARAMETERS, Intrinsics, project
 from quadrig.single.pose import Pose
 from quadrig.single.rotation import cross_matrix
@@ -123,10 +123,10 @@ def rectangles_of(problem: Problem, joint: Joint, widening: float = 1.0) -> tupl
     return tuple(placed)
 
 
-def fits_of(problem: Problem, joint: Joint, reading: Floats) -> tuple[ViewFit, ...]:
+def fits_of(problem: Problem, joint: Joint, reading: Ints) -> tuple[ViewFit, ...]:
     """Residuals of every View, and why those that were thrown out were."""
     state, observations = joint.predicted, joint.observations
-    used: list[Floats] = [np.zeros(0, bool)] * len(problem.views)
+    used: list[Mask] = [np.zeros(0, bool)] * len(problem.views)
     residuals: list[Floats] = [np.zeros((0, 2))] * len(problem.views)
     chained = state.camera_from_rect(observations)
     for group in observations.groups:
@@ -182,11 +182,11 @@ class Squares:
     """Of every View: its camera (V,), the sum of squared residuals (V,) px^2 of the points that took part, and their
     number (V,); zero for Views that were thrown out."""
 
-    camera: Floats
+    camera: Ints
     total: Floats
     points: Floats
 
-    def rms(self, chosen: Floats | None = None) -> float:
+    def rms(self, chosen: Mask | None = None) -> float:
         """Root mean square length (px) of the residuals of all Views, or of those that are chosen; nan for none."""
         chosen = np.ones(len(self.total), bool) if chosen is None else chosen
         count = self.points[chosen].sum()

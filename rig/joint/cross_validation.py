@@ -17,7 +17,7 @@ from quadrig.rig.adjustment.schur import Reduced, block_matrix, eliminate, node_
 from quadrig.rig.joint.stages import Joint
 from quadrig.rig.problem.build import Problem
 from quadrig.rig.problem.observations import Observations
-from quadrig.single.arrays import Floats
+from quadrig.single.arrays import Floats, Ints, Mask
 
 # Five folds leave four fifths to fit: near enough to the whole that the figure speaks of the rig that is delivered.
 _FOLDS = 5
@@ -72,7 +72,7 @@ def cross_validate(problem: Problem, joint: Joint) -> CrossValidation:
     return CrossValidation(squares, *_dispersion(joint, own, count))
 
 
-def _folds(problem: Problem) -> Floats:
+def _folds(problem: Problem) -> Ints:
     """The fold (N,) of each node: framesets in a row, about as many Views in each fold, still rectangles in turn."""
     frameset = np.array([node.frameset for node in problem.nodes], int)
     folds = np.zeros(len(frameset), int)
@@ -89,7 +89,7 @@ def _folds(problem: Problem) -> Floats:
     return folds
 
 
-def _copied(observations: Observations, fold: Floats, count: int) -> Observations:
+def _copied(observations: Observations, fold: Ints, count: int) -> Observations:
     return replace(
         observations,
         groups=(),
@@ -104,7 +104,7 @@ def _copied_state(state: State, count: int) -> State:
     return replace(state, lens=state.lens[cameras], camera_from_rig=state.camera_from_rig[cameras], offsets=offsets)
 
 
-def _steps_without(joint: Joint, own: Reduced, number: int, out: Floats) -> Floats:
+def _steps_without(joint: Joint, own: Reduced, number: int, out: Mask) -> Floats:
     """Steps (C, M) of the cameras when the Views `out` (V,) of a fold are taken from the fit; nan if they must stay.
 
     own: the folds' reduced systems, of which this fold's is taken off the whole.

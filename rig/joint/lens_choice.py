@@ -18,7 +18,7 @@ from quadrig.rig.joint.principal_point import PRINCIPAL_SIGMA, learned_sigma
 from quadrig.rig.problem.build import Problem
 from quadrig.rig.problem.camera_input import LensChoice
 from quadrig.rig.problem.observations import Observations
-from quadrig.single.arrays import Floats
+from quadrig.single.arrays import Floats, Ints, Mask
 from quadrig.single.lens import LENS_PARAMETERS
 
 _NEUTRAL = np.array([0, 0, 0, 0, 0, 0, 0, 0, 1.0])
@@ -63,17 +63,17 @@ class LensChoices:
     parameters that are not free at their prior mean, and all others where Newton's step takes them then.
     """
 
-    free: Floats
+    free: Mask
     reasons: tuple[str, ...]
     principal_sigma: float
     state: State
 
 
-def _mask(names: tuple[str, ...]) -> Floats:
+def _mask(names: tuple[str, ...]) -> Mask:
     return np.array([name in names for name in LENS_PARAMETERS])
 
 
-def starting_lenses(problem: Problem) -> Floats:
+def starting_lenses(problem: Problem) -> Mask:
     """The parameters (C, 9) bool that the first joint adjustment frees: what was asked for, or focal, principal
     point and two radial terms."""
     free = np.zeros((len(problem.cameras), 9), bool)
@@ -144,7 +144,7 @@ def _straight_odds(
     return (scores[0] - scores[1]) / 2
 
 
-def _principal_sigma(problem: Problem, away: Floats, covariance: Floats, free: Floats, opened: Floats) -> float:
+def _principal_sigma(problem: Problem, away: Floats, covariance: Floats, free: Mask, opened: Mask) -> float:
     """Width of the prior of principal points under the lenses that were chosen.
 
     away (C, 9), covariance (C, 9, C, 9): the posterior with all of `opened` free, of which only `free` stay.
@@ -169,7 +169,7 @@ def _cost_of_neutral(away: Floats, covariance: Floats, prior_variance: Floats) -
     return float(_costs_of_neutral(away, covariance, prior_variance, np.ones((1, len(away)), bool))[0])
 
 
-def _costs_of_neutral(away: Floats, covariance: Floats, prior_variance: Floats, out: Floats) -> Floats:
+def _costs_of_neutral(away: Floats, covariance: Floats, prior_variance: Floats, out: Mask) -> Floats:
     """The same (M,) for those parameters (M, K) bool alone that a model does without."""
     both = out[:, :, None] & out[:, None, :]
     # Parameters that stay are unit rows: they add nothing to determinant or distance.
@@ -180,7 +180,7 @@ def _costs_of_neutral(away: Floats, covariance: Floats, prior_variance: Floats, 
     return squares + log_determinant - np.where(out, np.log(prior_variance), 0.0).sum(axis=1)
 
 
-def _held_at(step: Floats, covariance: Floats, held: Floats, value: Floats) -> Floats:
+def _held_at(step: Floats, covariance: Floats, held: Mask, value: Floats) -> Floats:
     """Newton's step (C, M) with some elements `held` (C, M) bool at a value (C, M): the others, given these."""
     index, step = np.flatnonzero(held), step.copy()
     if len(index):
@@ -190,12 +190,12 @@ def _held_at(step: Floats, covariance: Floats, held: Floats, value: Floats) -> F
     return step
 
 
-def _steps(masks: Floats) -> Floats:
+def _steps(masks: Mask) -> Ints:
     """How many times a lens (M, 9) was made more complex: radial pair, tangential pair, a further term, aspect."""
     return masks[:, [LENS_PARAMETERS.index(name) for name in ("k1", "p1", "k3", "aspect")]].sum(axis=1)
 
 
-def _choose(away: Floats, covariance: Floats, prior_variance: Floats, fisheye: bool) -> tuple[Floats, str]:
+def _choose(away: Floats, covariance: Floats, prior_variance: Floats, fisheye: bool) -> tuple[Mask, str]:
     """The model of highest evidence, and why. away (9,): from neutral; prior_variance (6,): of k1 to aspect."""
     names, masks = _models(fisheye)
     costs = _costs_of_neutral(away[3:], covariance[3:, 3:], prior_variance, ~masks[:, 3:])
@@ -207,7 +207,7 @@ def _choose(away: Floats, covariance: Floats, prior_variance: Floats, fisheye: b
 
 
 @cache
-def _models(fisheye: bool) -> tuple[tuple[str, ...], Floats]:
+def _models(fisheye: bool) -> tuple[tuple[str, ...], Mask]:
     """Names and parameters (M, 9) bool of the lenses to choose from, the simplest first."""
     models = _FISHEYE_MODELS if fisheye else _PINHOLE_MODELS
     names = [(label, ()) for label in models] + [(label, ("aspect",)) for label in models]

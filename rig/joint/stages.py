@@ -166,9 +166,9 @@ def _least_squares_stage(
 ) -> Joint | Contradicted:
     """Least squares until the inliers stay the same, and the covariance."""
     free, inliers, noise, costs = fit.free, fit.inliers, fit.noise, fit.adjustment.costs
-    used, before = observations.with_weights(inliers.weights), noise
+    used, found, before = observations.with_weights(inliers.weights), fit.adjustment, noise
     for _ in range(_ROUNDS):
-        found = adjust(used, state, free, noise, most_steps=_MOST_STEPS, tables=fit.adjustment.layout)
+        found = adjust(used, state, free, noise, most_steps=_MOST_STEPS, tables=found.layout)
         state, costs, before = found.state, costs + found.costs, noise
         covariance = reduced_inverse(undamped(found, free))
         noise = noise_of(*residual_sum(found, used, free, noise, covariance))

@@ -9,8 +9,9 @@ import numpy as np
 
 from quadrig.rig.problem.camera_input import CameraInput
 from quadrig.rig.problem.observations import Observations, pack
-from quadrig.single.arrays import Floats
+from quadrig.single.arrays import Floats, Ints
 from quadrig.single.errors import QuadrigError
+from quadrig.single.lens import LensModel
 from quadrig.single.rectangle import Rectangle
 from quadrig.single.view import View
 
@@ -39,8 +40,8 @@ class Problem:
     rectangles: dict[str, Rectangle]
     views: tuple[View, ...]
     nodes: tuple[Node, ...]
-    camera: Floats
-    node: Floats
+    camera: Ints
+    node: Ints
 
     def points(self, view: int, reading: int = 0) -> Floats:
         """Points (P, 3) of a View's reading in the frame of its node: the rectangle's own, or the world's."""
@@ -67,7 +68,12 @@ class Problem:
         repeats = count[inverse]
         return np.minimum(repeats, _MOST_REPEATS) / repeats
 
-    def observations(self, readings: Floats | None = None) -> Observations:
+    @property
+    def models(self) -> list[LensModel]:
+        """The lens model of each camera (C,): what is given, else a pinhole."""
+        return ["pinhole" if c.intrinsics is None else c.intrinsics.model for c in self.cameras]
+
+    def observations(self, readings: Ints | None = None) -> Observations:
         """The Views as arrays, each in the reading (V,) that is chosen."""
         chosen = np.zeros(len(self.views), int) if readings is None else readings
         return pack(
@@ -77,7 +83,7 @@ class Problem:
             self.shares,
             self.camera,
             self.node,
-            ["pinhole" if c.intrinsics is None else c.intrinsics.model for c in self.cameras],
+            self.models,
             len(self.nodes),
         )
 
@@ -98,7 +104,7 @@ def build_problem(cameras: Sequence[CameraInput], rectangles: Sequence[Rectangle
     return _problem(tuple(sorted(cameras, key=lambda c: c.name)), by_name, usable)
 
 
-def components(problem: Problem, views: Floats | None = None) -> list[list[int]]:
+def components(problem: Problem, views: Ints | None = None) -> list[list[int]]:
     """Cameras (indices) that rectangles join, directly or through others; largest group first. views (indices): those
     that count, all where None."""
     from scipy.sparse import coo_array

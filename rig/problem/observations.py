@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from quadrig.single.arrays import Floats
+from quadrig.single.arrays import Floats, Ints, Mask
 from quadrig.single.lens import LensModel
 
 
@@ -18,19 +18,27 @@ class ObservationGroup:
     coordinate, zero where padded or left out. share (V,): what a View counts for, below one where it repeats others.
     """
 
-    view: Floats
-    camera: Floats
-    node: Floats
+    view: Ints
+    camera: Ints
+    node: Ints
     points: Floats
     pixels: Floats
     weights: Floats
     share: Floats
     model: LensModel
 
-    def part(self, rows: slice | Floats) -> "ObservationGroup":
+    def part(self, rows: slice | Ints) -> "ObservationGroup":
         """Some of the Views."""
-        arrays = (self.view, self.camera, self.node, self.points, self.pixels, self.weights, self.share)
-        return ObservationGroup(*(each[rows] for each in arrays), self.model)
+        return replace(
+            self,
+            view=self.view[rows],
+            camera=self.camera[rows],
+            node=self.node[rows],
+            points=self.points[rows],
+            pixels=self.pixels[rows],
+            weights=self.weights[rows],
+            share=self.share[rows],
+        )
 
     def parts(self, points: int) -> Iterator["ObservationGroup"]:
         """All Views in turn, so many at a time that they hold about that many points."""
@@ -52,8 +60,8 @@ class Observations:
     """All Views of a problem. camera, node (V,) say what each View joins; there are `cameras` and `nodes` of them."""
 
     groups: tuple[ObservationGroup, ...]
-    camera: Floats
-    node: Floats
+    camera: Ints
+    node: Ints
     cameras: int
     nodes: int
 
@@ -62,7 +70,7 @@ class Observations:
         groups = tuple(replace(g, weights=w) for g, w in zip(self.groups, weights, strict=True))
         return Observations(groups, self.camera, self.node, self.cameras, self.nodes)
 
-    def only(self, chosen: Floats) -> "Observations":
+    def only(self, chosen: Mask) -> "Observations":
         """The chosen (V,) Views alone; all keep their numbers."""
         groups = []
         for g in self.groups:
@@ -101,8 +109,8 @@ def pack(
     pixels: Sequence[Floats],
     sigma: Floats,
     share: Floats,
-    camera: Floats,
-    node: Floats,
+    camera: Ints,
+    node: Ints,
     models: Sequence[LensModel],
     nodes: int,
 ) -> Observations:
@@ -119,22 +127,22 @@ def pack(
     return Observations(tuple(groups), np.asarray(camera), np.asarray(node), len(models), nodes)
 
 
-def _padded_sizes(sizes: Floats) -> Floats:
+def _padded_sizes(sizes: Ints) -> Ints:
     """Each size up to the next of 4, 8, 16, 32, ... but never past the largest, so that full boards waste nothing."""
     powers = 4 * 2 ** np.ceil(np.log2(np.maximum(sizes, 4) / 4)).astype(int)
     return np.minimum(powers, sizes.max())
 
 
 def _group(
-    view: Floats,
+    view: Ints,
     size: int,
     points: Sequence[Floats],
     pixels: Sequence[Floats],
     sigma: Floats,
     share: Floats,
-    sizes: Floats,
-    camera: Floats,
-    node: Floats,
+    sizes: Ints,
+    camera: Ints,
+    node: Ints,
     model: LensModel,
 ) -> ObservationGroup:
     own = sizes[view][:, None]

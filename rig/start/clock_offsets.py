@@ -12,7 +12,7 @@ import numpy as np
 
 from quadrig.rig.adjustment.motion import LONGEST_GAP
 from quadrig.rig.problem.build import Problem
-from quadrig.single.arrays import Floats
+from quadrig.single.arrays import Floats, Ints, Mask
 from quadrig.single.view import View
 
 # Clocks further apart than this (s) are not two clocks of one recording.
@@ -68,7 +68,7 @@ def _instants(problem: Problem, times: Floats) -> Floats:
         return (np.bincount(frameset, np.where(stamped, times, 0.0)) / np.bincount(frameset, stamped))[frameset]
 
 
-def _regrouped(problem: Problem, moving: Floats, true: Floats, times: Floats) -> tuple[View, ...]:
+def _regrouped(problem: Problem, moving: Ints, true: Floats, times: Floats) -> tuple[View, ...]:
     """All Views, those moving (indices) in the frameset that is nearest to when they were taken; of two Views of one
     camera and rectangle in one frameset the nearer."""
     framesets, first = np.unique([view.frameset for view in problem.views], return_index=True)
@@ -93,7 +93,7 @@ def _regrouped(problem: Problem, moving: Floats, true: Floats, times: Floats) ->
     return tuple(views.values())
 
 
-def _speeds(problem: Problem, tracks: dict[tuple[int, str], Floats], times: Floats) -> Floats:
+def _speeds(problem: Problem, tracks: dict[tuple[int, str], Ints], times: Floats) -> Floats:
     """Speed (V,) of each View's middle in the image, px/s; 0 where it has no track."""
     speeds = np.zeros(len(times))
     for members in tracks.values():
@@ -103,7 +103,7 @@ def _speeds(problem: Problem, tracks: dict[tuple[int, str], Floats], times: Floa
     return speeds
 
 
-def _tracks(problem: Problem) -> dict[tuple[int, str], Floats]:
+def _tracks(problem: Problem) -> dict[tuple[int, str], Ints]:
     """Views of each camera and moving rectangle whose stamps rise, in that order."""
     tracks: dict[tuple[int, str], list[int]] = {}
     for index, view in enumerate(problem.views):
@@ -118,7 +118,7 @@ def _tracks(problem: Problem) -> dict[tuple[int, str], Floats]:
     return ordered
 
 
-def _offsets(tracks: dict[tuple[int, str], Floats], times: Floats, places: Floats, cameras: int) -> Floats:
+def _offsets(tracks: dict[tuple[int, str], Ints], times: Floats, places: Floats, cameras: int) -> Floats:
     """Offsets (C,) s, of mean zero over the cameras that share a path, from those of all pairs."""
     rows, right = [], []
     keys = list(tracks)
@@ -172,8 +172,16 @@ def _apart(time: Floats, place: Floats, other_time: Floats, other_place: Floats)
     one = place[inside]
     two = np.stack([np.interp(time[inside], other_time, axis) for axis in other_place.T], axis=1)
     two = np.concatenate([two, np.ones((len(two), 1))], axis=1)
-    for _ in range(2):
-        squares = np.sum((one - two @ np.linalg.lstsq(two, one, rcond=None)[0]) ** 2, axis=1)
-        kept = squares <= np.quantile(squares, 1 - _WILD)
-        one, two = one[kept], two[kept]
-    return float(squares[kept].mean())
+    kept = _tame(_map_squares(one, two))
+    squares = _map_squares(one[kept], two[kept])
+    return float(squares[_tame(squares)].mean())
+
+
+def _map_squares(one: Floats, two: Floats) -> Floats:
+    """Squared distances (N,) of points (N, 3) from what the best linear map makes of others (N, 4)."""
+    return np.sum((one - two @ np.linalg.lstsq(two, one, rcond=None)[0]) ** 2, axis=1)
+
+
+def _tame(squares: Floats) -> Mask:
+    """Which of them (N,) are not among the wild ones."""
+    return squares <= np.quantile(squares, 1 - _WILD)

@@ -14,7 +14,7 @@ from quadrig.rig.adjustment.outliers import USUAL_NOISE, robust_noise
 from quadrig.rig.adjustment.priors import ENOUGH_POINTS, LEAST_NOISE, ROUGH, prior
 from quadrig.rig.problem.build import Problem
 from quadrig.rig.problem.observations import Observations, pack
-from quadrig.single.arrays import Floats
+from quadrig.single.arrays import Floats, Ints, Mask
 from quadrig.single.lens import image_middle, unproject
 from quadrig.single.pose import Pose, compose_jacobians
 from quadrig.single.rectangle import rectangle_corners
@@ -47,8 +47,8 @@ class Candidates:
     cost (K,): chi-square above the View's likeliest candidate.
     """
 
-    view: Floats
-    reading: Floats
+    view: Ints
+    reading: Ints
     camera_from_node: Pose
     covariance: Floats
     cost: Floats
@@ -75,7 +75,6 @@ def start(problem: Problem) -> Start:
 def _alone(problem: Problem) -> Observations:
     """Every View with a pose of its own, in the frame of its rectangle, where it is flat."""
     views = problem.views
-    models = ["pinhole" if c.intrinsics is None else c.intrinsics.model for c in problem.cameras]
     return pack(
         [v.points for v in views],
         [v.pixels for v in views],
@@ -83,7 +82,7 @@ def _alone(problem: Problem) -> Observations:
         problem.shares,
         problem.camera,
         np.arange(len(views)),
-        models,
+        problem.models,
         len(views),
     )
 
@@ -143,14 +142,14 @@ def _both_poses(observations: Observations, lens: Floats) -> tuple[Pose, Floats]
         with np.errstate(divide="ignore", invalid="ignore"):
             plane = np.where(ray[..., 2:] > 0.05, ray[..., :2] / ray[..., 2:], np.nan)
         # Rays past 87 degrees, or none at all, have no place in the plane z = 1; the other points carry the pose.
-        lost = ~np.isfinite(plane).all(axis=-1)
+        lost = ~np.all(np.isfinite(plane), axis=-1)
         weights = np.where(lost, 0.0, group.weights)
         plane = np.where(lost[..., None], 0.0, plane)
         solvable = (weights > 0).sum(axis=1) >= 4
         if not solvable.any():
             continue
         homography = homographies(group.points[solvable][..., :2], plane[solvable], weights[solvable])
-        finite = np.isfinite(homography).all(axis=(-1, -2))
+        finite = np.all(np.isfinite(homography), axis=(-1, -2))
         index = np.flatnonzero(solvable)[finite]
         found = planar_poses(homography[finite], group.points[index], plane[index], weights[index])
         rotation[group.view[index]] = found.camera_from_rect.rotation
@@ -207,7 +206,8 @@ def _own_doubt(gram: Floats, cost: Floats) -> tuple[Floats, Floats]:
     A View of no information (all points behind) gets a doubt that no vote will count.
     """
     behind = (np.trace(gram, axis1=-2, axis2=-1) == 0) | ~np.isfinite(cost)
-    return np.linalg.inv(gram + _LEAST_INFORMATION * np.eye(6)), np.where(behind, np.inf, cost)
+    covariance = np.linalg.inv(gram + _LEAST_INFORMATION * np.eye(6))
+    return np.asarray(covariance, float), np.where(behind, np.inf, cost)
 
 
 def _chi_squares(observations: Observations, squares: tuple[Floats, ...], noise: float) -> Floats:
@@ -231,7 +231,7 @@ def _candidates(
         points[group.view] = (group.weights > 0).sum(axis=1)
     gap = points * scale**2 * (errors[:, 1] ** 2 - errors[:, 0] ** 2)
     weak = views[np.isfinite(errors[:, 1]) & (gap < 4 * _TWIN_COST)]
-    parts = [(views, none, alone.camera_from_rect, alone.covariance, np.zeros(count))]
+    parts: list[_Part] = [(views, none, alone.camera_from_rect, alone.covariance, np.zeros(count))]
     if len(weak):
         refined, covariance, cost = _refined_twins(observations, alone, twin, weak)
         apart = _differs(alone.camera_from_rect[weak], refined[weak], alone.covariance[weak])
@@ -256,12 +256,10 @@ def _candidates(
     )
 
 
-_Part = tuple[Floats, Floats, Pose, Floats, Floats]
+_Part = tuple[Ints, Ints, Pose, Floats, Floats]
 
 
-def _refined_twins(
-    observations: Observations, alone: _Alone, twin: Pose, weak: Floats
-) -> tuple[Pose, Floats, Floats]:
+def _refined_twins(observations: Observations, alone: _Alone, twin: Pose, weak: Ints) -> tuple[Pose, Floats, Floats]:
     """Twins of the weak Views (indices) fitted, all with their covariance (V, 6, 6) and chi-square (V,)."""
     chosen = np.zeros(observations.nodes, bool)
     chosen[weak] = True
@@ -278,11 +276,11 @@ def _refined_twins(
         )
         if step < _TWIN_STEPS:
             steps = np.linalg.solve(normal + _LEAST_INFORMATION * np.eye(6), found.gram[:, :6, 6:])[..., 0]
-            here = here.retract(steps)
+            here = here.retract(np.asarray(steps, float))
     return best, *_own_doubt(gram, cost)
 
 
-def _differs(first: Pose, other: Pose, covariance: Floats) -> Floats:
+def _differs(first: Pose, other: Pose, covariance: Floats) -> Mask:
     """Which poses (V,) are further apart than their own doubt: the others are one candidate, found twice."""
     step = first.step_to(other)
     return np.einsum("vi,vij,vj->v", step, np.linalg.inv(covariance), step) > 9.0

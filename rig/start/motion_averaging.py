@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from quadrig.single.arrays import Floats
+from quadrig.single.arrays import Floats, Ints
 from quadrig.single.pose import Pose
 from quadrig.single.rotation import cross_matrix
 
@@ -31,8 +31,8 @@ def average(camera_from_rig: Pose, relatives: "Sequence[Relative]", reference: i
     cameras = len(camera_from_rig.translation)
     if len(relatives) < cameras:
         return camera_from_rig
-    from scipy.sparse import diags_array, eye_array
-    from scipy.sparse.linalg import spsolve
+    from scipy.sparse import csc_array, diags_array, eye_array
+    from scipy.sparse.linalg import splu
 
     left, right = np.array([r.left for r in relatives]), np.array([r.right for r in relatives])
     measured = Pose(
@@ -57,12 +57,12 @@ def average(camera_from_rig: Pose, relatives: "Sequence[Relative]", reference: i
         pattern = np.concatenate([rows, rows]), np.concatenate([left, right])
         jacobian = _block_matrix(np.concatenate([block, -block]), pattern, (6 * len(relatives), size)) @ held
         normal = jacobian.T @ jacobian + _HELD * eye_array(size)
-        step = spsolve(normal.tocsc(), jacobian.T @ (gap * weight[:, None]).ravel()).reshape(cameras, 6)
-        camera_from_rig = camera_from_rig @ Pose.from_twist(step)
+        step = splu(csc_array(normal)).solve(jacobian.T @ (gap * weight[:, None]).ravel())
+        camera_from_rig = camera_from_rig @ Pose.from_twist(step.reshape(cameras, 6))
     return camera_from_rig
 
 
-def _block_matrix(blocks: Floats, place: tuple[Floats, Floats], shape: tuple[int, int]) -> "scipy.sparse.csr_array":
+def _block_matrix(blocks: Floats, place: tuple[Ints, Ints], shape: tuple[int, int]) -> "scipy.sparse.csr_array":
     """Sparse matrix of 6x6 blocks (B, 6, 6) at block rows and columns (B,)."""
     from scipy.sparse import coo_array
 

@@ -12,7 +12,7 @@ import numpy as np
 from quadrig.rig.problem.build import Problem
 from quadrig.rig.start.lenses_and_poses import Candidates
 from quadrig.rig.start.motion_averaging import Relative, average
-from quadrig.single.arrays import Floats
+from quadrig.single.arrays import Floats, Ints, Mask
 from quadrig.single.pose import Pose
 from quadrig.single.rotation import nearest_rotation
 
@@ -35,10 +35,10 @@ class FirstRig:
     """
 
     camera_from_rig: Pose
-    connected: Floats
+    connected: Mask
     rig_from_node: Pose
-    reading: Floats
-    agrees: Floats
+    reading: Ints
+    agrees: Mask
 
 
 def first_rig(problem: Problem, candidates: Candidates, reference: int) -> FirstRig:
@@ -82,7 +82,7 @@ def relative_poses(problem: Problem, candidates: Candidates) -> list[Relative]:
 
 
 def _rows_of_first_view(
-    candidates: Candidates, node: Floats, camera: Floats, sigma: Floats, nodes: int
+    candidates: Candidates, node: Ints, camera: Ints, sigma: Floats, nodes: int
 ) -> dict[int, dict[int, list[int]]]:
     """For each camera and node the candidates of its most certain View; other Views of a still pair repeat it."""
     best: dict[tuple[int, int], tuple[float, int]] = {}
@@ -120,7 +120,7 @@ def _sharing(by_camera: dict[int, dict[int, list[int]]]) -> dict[tuple[int, int]
 
 
 def _vote(
-    left: int, right: int, poses: Pose, node: Floats, rotation: Floats, translation: Floats, cost: Floats
+    left: int, right: int, poses: Pose, node: Ints, rotation: Floats, translation: Floats, cost: Floats
 ) -> Relative:
     """The candidate that most rectangle poses agree with, averaged with all that do."""
     distance = _disagreement(poses, poses, rotation, translation, rotation, translation)
@@ -153,7 +153,7 @@ def _disagreement(
     )
 
 
-def _chain(cameras: int, relatives: list[Relative], reference: int) -> tuple[Pose, Floats]:
+def _chain(cameras: int, relatives: list[Relative], reference: int) -> tuple[Pose, Mask]:
     """camera_from_rig along the path of least summed variance from the reference camera."""
     import networkx
 
@@ -178,8 +178,8 @@ def _chain(cameras: int, relatives: list[Relative], reference: int) -> tuple[Pos
 
 
 def _place_nodes(
-    problem: Problem, candidates: Candidates, camera_from_rig: Pose, connected: Floats
-) -> tuple[Pose, Floats, Floats]:
+    problem: Problem, candidates: Candidates, camera_from_rig: Pose, connected: Mask
+) -> tuple[Pose, Ints, Mask]:
     """rig_from_node (N,), the candidate chosen of every View (V,), and whether it agrees with its node (V,)."""
     node, camera = problem.node[candidates.view], problem.camera[candidates.view]
     rig_from_node = camera_from_rig[camera].inverse() @ candidates.camera_from_node
@@ -210,7 +210,7 @@ def _place_nodes(
     return place, choice, gap[choice] < _AGREES
 
 
-def _same_node_pairs(node: Floats) -> tuple[Floats, Floats]:
+def _same_node_pairs(node: Ints) -> tuple[Ints, Ints]:
     """All ordered pairs of rows with one node."""
     order = np.argsort(node, kind="stable")
     _, starts, counts = np.unique(node[order], return_index=True, return_counts=True)
@@ -223,7 +223,7 @@ def _same_node_pairs(node: Floats) -> tuple[Floats, Floats]:
     return (np.concatenate(left), np.concatenate(right)) if left else (np.zeros(0, int), np.zeros(0, int))
 
 
-def _distance_rows(poses: Pose, rotation: Floats, translation: Floats, left: Floats, right: Floats) -> Floats:
+def _distance_rows(poses: Pose, rotation: Floats, translation: Floats, left: Ints, right: Ints) -> Floats:
     trace = np.einsum("kij,kij->k", poses.rotation[left], poses.rotation[right])
     angle = np.arccos(np.clip((trace - 1) / 2, -1, 1))
     gap = np.linalg.norm(poses.translation[left] - poses.translation[right], axis=-1)
@@ -233,7 +233,7 @@ def _distance_rows(poses: Pose, rotation: Floats, translation: Floats, left: Flo
     )
 
 
-def _best_by_key(score: Floats, key: Floats, total: int) -> Floats:
+def _best_by_key(score: Floats, key: Ints, total: int) -> Ints:
     """Row of the highest score for each key 0 .. total-1; the first of equals."""
     order = np.lexsort((np.arange(len(key)), -score, key))
     keys, starts = np.unique(key[order], return_index=True)

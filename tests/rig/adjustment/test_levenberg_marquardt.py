@@ -98,7 +98,7 @@ def test_the_quadratic_model_is_the_cost_nearby(small):
     expected = here - 2 * gradient @ every + every @ matrix @ every
     # What the model leaves out is residual times curvature: a per cent of the quadratic part, where noise is 0.3 px.
     found = linearise(observations, truth.moved(lens, cameras, nodes), EVERY_LENS, 1.0).cost
-    assert found - here == pytest.approx(expected - here, abs=0.02 * (every @ matrix @ every))
+    assert found - here == pytest.approx(expected - here, abs=0.02 * float(every @ matrix @ every))
 
 
 def full_system(normal, tables):

@@ -31,7 +31,7 @@ def test_eliminated_slack_is_the_slack_of_the_whole_system():
     eliminated = eliminate_slack(gram, slack, information)
     steps = np.linalg.solve(eliminated.gram[0, :9, :9] + prior, eliminated.gram[0, :9, -1])
     np.testing.assert_allclose(steps, expected[:9], atol=1e-10)
-    np.testing.assert_allclose(slack_steps(eliminated, steps[None])[0], expected[9:], atol=1e-10)
+    np.testing.assert_allclose(slack_steps(eliminated, np.asarray(steps[None], float))[0], expected[9:], atol=1e-10)
 
 
 def test_infinite_information_leaves_a_view_as_it_is():
@@ -41,7 +41,7 @@ def test_infinite_information_leaves_a_view_as_it_is():
     eliminated = eliminate_slack(gram, np.zeros((5, 6)), information)
     np.testing.assert_array_equal(eliminated.gram[2], gram[2])
     np.testing.assert_array_equal(slack_steps(eliminated, np.ones((5, 9)))[2], 0)
-    loose = np.isfinite(information).all(axis=1)
+    loose = np.all(np.isfinite(information), axis=1)
     prior = learned(np.zeros((5, 6)), np.ones((5, 6)), SlackPrior.wide(loose, 0.3))
     assert np.isinf(prior.information[2]).all()
     assert np.isfinite(prior.information[loose]).all()

@@ -10,7 +10,7 @@ from quadrig.rig.coach.next_view import Placements, accuracy_weight, expected_dr
 from quadrig.rig.doubt.working_accuracy import working_accuracy
 from quadrig.rig.result import Camera, PlacedRectangle, Rig
 from quadrig.rig.words import millimetres
-from quadrig.single.lens import LENS_PARAMETERS, Intrinsics
+from quadrig.single.lens import LENS_PARAMETERS, Intrinsics, LensModel
 from quadrig.single.marking import ChessboardMarking, TagMarking
 from quadrig.single.pose import Pose
 from quadrig.single.rectangle import Rectangle
@@ -30,7 +30,7 @@ def looking_at(position, target):
     return Pose(np.stack([x, np.cross(z, x), z], axis=-1), np.asarray(position, float))
 
 
-def four_cameras(seed=0, model="pinhole"):
+def four_cameras(seed=0, model: LensModel = "pinhole"):
     """On an arc about the origin, in the frame of the first."""
     rng = np.random.default_rng(seed)
     cameras = []
@@ -275,17 +275,17 @@ def framesets_until(accuracy, seed, coached):
     together = len(poses)
     rig, refused = rig_that_saw(cameras, poses), ()
     while rig.working_accuracy > accuracy and len(poses) < 60:
-        before, pose = rig.working_accuracy, waved(rng, cameras, middle)
+        before, pose, ghost = rig.working_accuracy, waved(rng, cameras, middle), None
         if coached:
             advice = best_placement(situation_of(cameras, rig, refused=refused), rig)
             assert advice is not None
-            assert advice.ghost is not None
+            ghost = advice.ghost
+            assert ghost is not None
             turn = rotation_from_vector(0.15 * rng.standard_normal(3))
-            pose = Pose(turn @ advice.ghost.rotation, advice.ghost.translation + 0.06 * rng.standard_normal(3))
+            pose = Pose(turn @ ghost.rotation, ghost.translation + 0.06 * rng.standard_normal(3))
         poses.append(pose)
         rig = rig_that_saw(cameras, poses)
-        if coached:
-            refused = (advice.ghost,) if rig.working_accuracy > 0.99 * before else ()
+        refused = (ghost,) if ghost is not None and rig.working_accuracy > 0.99 * before else ()
     return len(poses) - together
 
 

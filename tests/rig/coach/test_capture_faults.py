@@ -238,4 +238,5 @@ def test_views_of_other_shapes_do_no_harm():
     widths = view_edge_widths(np.zeros((360, 640), np.uint8), far)
     assert blur_fault("cam0", widths) is None
     outside = View("tag", TAG.corners, view_of(pose_of()).pixels + 5000, "cam0")
-    assert exposure_fault("cam0", cv2.resize(picture_of(), (640, 360)), outside) is None
+    small = cv2.resize(picture_of(), (640, 360)).astype(np.uint8)
+    assert exposure_fault("cam0", small, outside) is None

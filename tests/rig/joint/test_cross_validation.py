@@ -9,7 +9,7 @@ from quadrig.rig.adjustment.levenberg_marquardt import adjust
 from quadrig.rig.adjustment.normal_equations import linearise
 from quadrig.rig.calibration import calibrate
 from quadrig.rig.joint.cross_validation import cross_validate
-from quadrig.rig.joint.stages import solve_jointly
+from quadrig.rig.joint.stages import Joint, solve_jointly
 from quadrig.rig.problem.build import build_problem
 from quadrig.rig.start.lenses_and_poses import start
 from quadrig.rig.start.pose_graph import first_rig
@@ -19,7 +19,9 @@ def jointly(made):
     problem = build_problem(made.inputs, made.rectangles, made.views)
     begin = start(problem)
     standing = np.arange(len(problem.cameras)) == 0
-    return problem, solve_jointly(problem, begin, first_rig(problem, begin.candidates, 0), standing)
+    joint = solve_jointly(problem, begin, first_rig(problem, begin.candidates, 0), standing)
+    assert isinstance(joint, Joint)
+    return problem, joint
 
 
 def folds(problem, count=5):

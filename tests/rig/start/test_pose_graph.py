@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from quadrig.rig.calibration import calibrate
-from quadrig.rig.joint.stages import solve_jointly
+from quadrig.rig.joint.stages import Joint, solve_jointly
 from quadrig.rig.problem.build import build_problem, components
 from quadrig.rig.start.lenses_and_poses import start
 from quadrig.rig.start.pose_graph import first_rig, relative_poses
@@ -106,4 +106,5 @@ def test_views_that_the_first_lenses_belied_are_taken_back(simulated):
     assert np.any(belied)
     standing = np.arange(len(problem.cameras)) == 0
     joint = solve_jointly(problem, start(problem), replace(first, agrees=first.agrees & ~np.array(belied)), standing)
+    assert isinstance(joint, Joint)
     assert not joint.inliers.rejected.any()
