@@ -10,6 +10,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -61,7 +62,7 @@ def _phase(seconds: float) -> int:
     return round(float(np.clip(held, 0, 1 - 1e-9)) * FRAMESETS * 20) % (FRAMESETS * 20)
 
 
-def _motion(scene: Scene, frameset: int) -> np.ndarray:
+def _motion(frameset: int) -> np.ndarray:
     """Step of the board's pose during the exposure."""
     path = demo_scene(FRAMESETS * 20).board_poses
     before, after = (path[_phase(max(frameset * PERIOD + side * EXPOSURE, 0.0))] for side in (-0.5, 0.5))
@@ -78,7 +79,7 @@ def shoot(shots: Shots) -> list[tuple[int, bytes]]:
     room = backdrop(grid, camera_from_world, _room())
     pictures = []
     for frameset in shots.framesets:
-        board = Sheet(scene.board, scene.board_poses[frameset], motion=_motion(scene, frameset))
+        board = Sheet(scene.board, scene.board_poses[frameset], motion=_motion(frameset))
         sheets = [*scene.furniture, *scene.static, board]
         rng = np.random.default_rng([shots.camera, frameset])
         image = render_image(grid, camera_from_world, sheets, background=room, capture=CAPTURE, samples=2, rng=rng)
@@ -249,15 +250,19 @@ def large(path: Path) -> None:
     opened = open_recording([path])
     with tempfile.TemporaryDirectory() as folder:
         output = Path(folder) / "large.mcap"
-        with output.open("wb") as stream:
+        with output.open("wb") as stream, ExitStack() as stack:
             write, finish = image_writer(stream, "foxglove")
             sources = {camera.name: camera.source for camera in opened.cameras}
+            topics = {
+                name: stack.enter_context(source.messages.opened())
+                for name, source in sources.items()
+                if isinstance(source, McapImages)
+            }
             for k in range(times):
                 for n in range(FRAMESETS):
-                    for name, source in sources.items():
-                        assert isinstance(source, McapImages)
+                    for name, messages in topics.items():
                         stamp = START + round((k * FRAMESETS + n) * PERIOD * 1e9)
-                        write(name, stamp, "jpeg", source.messages.payload(n).data)
+                        write(name, stamp, "jpeg", messages.image(n).data)
             finish()
         print(f"{output.stat().st_size / 2**30:.2f} GiB")
         most = [0.0]

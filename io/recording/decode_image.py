@@ -7,7 +7,7 @@ Images come as their sensor saw them: an EXIF turn is not applied, since it woul
 import cv2
 import numpy as np
 
-from quadrig.io.recording.image_message import Payload
+from quadrig.io.recording.image_message import EncodedImage
 from quadrig.single.arrays import Picture
 
 # Channels, bytes of a sample, and OpenCV's conversions to grey and to BGR (None: leave as it is).
@@ -57,18 +57,18 @@ def is_depth(encoding: str) -> bool:
     return any(word in encoding.lower() for word in _DEPTH)
 
 
-def decode_image(payload: Payload, gray: bool = True, shrink: int = 1) -> Picture:
+def decode_image(coded: EncodedImage, gray: bool = True, shrink: int = 1) -> Picture:
     """The image (H, W) uint8, or (H, W, 3) uint8 in BGR where not gray, at 1/shrink of its size (1, 2, 4 or 8).
 
     Raises UndecodableImage.
     """
-    if payload.width == 0:
-        return decode_file(payload.data, gray, shrink)
+    if coded.width == 0:
+        return decode_file(coded.data, gray, shrink)
     try:
-        return shrunk(_decode_raw(payload, gray), shrink)
+        return shrunk(_decode_raw(coded, gray), shrink)
     except (cv2.error, ValueError) as error:
-        size = f"{payload.width}x{payload.height} {payload.encoding}"
-        raise UndecodableImage(f"{len(payload.data)} bytes are no {size} image") from error
+        size = f"{coded.width}x{coded.height} {coded.encoding}"
+        raise UndecodableImage(f"{len(coded.data)} bytes are no {size} image") from error
 
 
 def decode_file(data: bytes, gray: bool = True, shrink: int = 1) -> Picture:
@@ -94,31 +94,31 @@ def shrunk(image: Picture, shrink: int) -> Picture:
     return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8)
 
 
-def _decode_raw(payload: Payload, gray: bool) -> Picture:
-    encoding = _SAME_AS.get(payload.encoding, payload.encoding)
+def _decode_raw(coded: EncodedImage, gray: bool) -> Picture:
+    encoding = _SAME_AS.get(coded.encoding, coded.encoding)
     if encoding in _PLANAR:
         to_gray, to_bgr = _PLANAR[encoding]
-        image = _rows(payload, payload.height * 3 // 2, payload.width)
+        image = _rows(coded, coded.height * 3 // 2, coded.width)
         return np.asarray(cv2.cvtColor(image, to_gray if gray else to_bgr), np.uint8)
     wide = encoding.startswith("bayer_") and encoding.endswith("16")
     name = encoding.removesuffix("16").removesuffix("8") if encoding.startswith("bayer_") else encoding
     if name not in _PACKED:
         known = ", ".join(sorted([*_PACKED, *_PLANAR]))
-        raise UndecodableImage(f"encoding {payload.encoding!r} is not one of {known}")
+        raise UndecodableImage(f"encoding {coded.encoding!r} is not one of {known}")
     channels, sample, to_gray, to_bgr = _PACKED[name]
     sample = 2 if wide else sample
-    image = _rows(payload, payload.height, payload.width * channels * sample)
+    image = _rows(coded, coded.height, coded.width * channels * sample)
     if sample == 2:
-        image = _eight_bits(image.view(">u2" if payload.big_endian else "<u2").astype(np.uint16))
-    image = image.reshape(payload.height, payload.width, channels) if channels > 1 else image
+        image = _eight_bits(image.view(">u2" if coded.big_endian else "<u2").astype(np.uint16))
+    image = image.reshape(coded.height, coded.width, channels) if channels > 1 else image
     conversion = to_gray if gray else to_bgr
     return np.ascontiguousarray(image if conversion is None else cv2.cvtColor(image, conversion), np.uint8)
 
 
-def _rows(payload: Payload, rows: int, row_bytes: int) -> Picture:
+def _rows(coded: EncodedImage, rows: int, row_bytes: int) -> Picture:
     """(rows, row_bytes) uint8 without the padding at the end of each row."""
-    step = payload.step if payload.step >= row_bytes else row_bytes
-    flat = np.frombuffer(payload.data, np.uint8)
+    step = coded.step if coded.step >= row_bytes else row_bytes
+    flat = np.frombuffer(coded.data, np.uint8)
     missing = rows * step - len(flat)
     # The last row may come without its padding.
     if 0 < missing <= step - row_bytes:

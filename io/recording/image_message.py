@@ -1,6 +1,6 @@
 """Messages that carry an image or a lens: ROS 2 in CDR, Foxglove in protobuf and in JSON.
 
-One reading for all: a Payload (encoding and bytes) and a time stamp, so that decoding knows nothing of messages.
+One reading for all: an EncodedImage and a time stamp, so that decoding knows nothing of messages.
 """
 
 import base64
@@ -57,7 +57,7 @@ _JSON_STAMP = re.compile(rb'^\s*\{\s*"timestamp"\s*:\s*(\{[^{}]*\}|"[^"]*")')
 
 
 @dataclass(frozen=True, eq=False)
-class Payload:
+class EncodedImage:
     """The bytes of one image and how they are to be read. width, height and step are 0 where the bytes say so."""
 
     encoding: str
@@ -92,7 +92,7 @@ def _encodings(schema: str) -> tuple[str, ...]:
     return ("protobuf", "json") if schema.startswith("foxglove.") else ("cdr",)
 
 
-def read_stamp(encoding: str, schema: str, data: bytes) -> int | None:
+def read_stamp(encoding: str, data: bytes) -> int | None:
     """Time stamp (ns) that the message itself carries, from its first bytes; 0 where unset, None where unknown."""
     if encoding == "cdr":
         order = "<" if len(data) > 1 and data[1] & 1 else ">"
@@ -111,24 +111,24 @@ def stamp_of_whole(encoding: str, schema: str, data: bytes) -> int:
     if encoding == "protobuf":
         stamp = _protobuf_class(schema).FromString(data).timestamp
         return stamp.seconds * 10**9 + stamp.nanos
-    return read_stamp(encoding, schema, data) or 0
+    return read_stamp(encoding, data) or 0
 
 
-def read_payload(encoding: str, schema: str, data: bytes) -> Payload:
+def read_image(encoding: str, schema: str, data: bytes) -> EncodedImage:
     """The image that a message carries. Raises ValueError where the bytes are not such a message."""
     schema = canonical_schema(schema)
     if encoding == "cdr":
         message = _cdr_decoder(schema)(data)
         if schema == "sensor_msgs/msg/CompressedImage":
-            return Payload(message.format.lower(), message.data)
-        return Payload(
+            return EncodedImage(message.format.lower(), message.data)
+        return EncodedImage(
             message.encoding.lower(), message.data, message.width, message.height, message.step,
             bool(message.is_bigendian),
         )  # fmt: skip
     message = _foxglove_message(encoding, schema, data)
     if schema == "foxglove.RawImage":
-        return Payload(message.encoding.lower(), message.data, message.width, message.height, message.step)
-    return Payload(message.format.lower(), message.data)
+        return EncodedImage(message.encoding.lower(), message.data, message.width, message.height, message.step)
+    return EncodedImage(message.format.lower(), message.data)
 
 
 def read_lens(encoding: str, schema: str, data: bytes) -> tuple[Intrinsics | None, str]:

@@ -11,7 +11,8 @@ import numpy as np
 from quadrig.io.recording.decode_image import decode_image, is_depth
 from quadrig.io.recording.image_folder import IMAGE_SUFFIXES, folder_images, image_files, read_image_folder
 from quadrig.io.recording.image_message import holds_images, holds_lenses, holds_video, read_lens
-from quadrig.io.recording.image_source import ImageSource, McapImages, McapMessages
+from quadrig.io.recording.image_source import ImageSource, McapImages
+from quadrig.io.recording.mcap_messages import McapMessages
 from quadrig.io.recording.mcap_reader import McapIndex, TopicMessages, index_mcap
 from quadrig.io.recording.video import VIDEO_SUFFIXES, McapVideo, read_video
 from quadrig.single.arrays import Ints, Picture
@@ -203,21 +204,20 @@ def _camera_of_topic(
 ) -> RecordedCamera | None:
     messages = McapMessages.of(topics)
     reason = "there are none"
-    for index in range(min(_FIRST_IMAGES, len(messages))):
-        try:
-            payload = messages.payload(index)
-            if is_depth(payload.encoding) and not asked:
-                notes.append(f"topic {name} holds depths ({payload.encoding}), not images, and is left out")
-                return None
-            if holds_video(messages.schema):
-                source: ImageSource = McapVideo(messages, payload.encoding)
-                return camera_of_source(camera_name(name), name, source)
-            image = decode_image(payload)
-        except (ValueError, AttributeError, struct.error) as error:
-            reason = str(error)
-            continue
-        source = McapImages(messages, payload.encoding)
-        return RecordedCamera(camera_name(name), name, image.shape[1], image.shape[0], source)
+    with messages.opened() as opened:
+        for index in range(min(_FIRST_IMAGES, len(messages))):
+            try:
+                coded = opened.image(index)
+                if is_depth(coded.encoding) and not asked:
+                    notes.append(f"topic {name} holds depths ({coded.encoding}), not images, and is left out")
+                    return None
+                if holds_video(messages.schema):
+                    return camera_of_source(camera_name(name), name, McapVideo(messages, coded.encoding))
+                height, width = decode_image(coded).shape
+            except (ValueError, AttributeError, struct.error) as error:
+                reason = str(error)
+                continue
+            return RecordedCamera(camera_name(name), name, width, height, McapImages(messages, coded.encoding))
     notes.append(f"topic {name} is left out: its images cannot be read ({reason})")
     return None
 
@@ -227,7 +227,8 @@ def _with_prior(camera: RecordedCamera, priors: Mapping[str, TopicMessages], not
     if topic is None:
         return camera
     try:
-        lens, remark = read_lens(topic.encoding, topic.schema, McapMessages.of([topic]).data(0))
+        with McapMessages.of([topic]).opened() as opened:
+            lens, remark = read_lens(topic.encoding, topic.schema, opened.data(0))
     except (ValueError, AttributeError, struct.error):
         notes.append(f"topic {topic.topic} cannot be read; camera {camera.name!r} has no lens to begin with")
         return camera

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from quadrig.io.recording.decode_image import shrunk
-from quadrig.io.recording.image_source import McapMessages
+from quadrig.io.recording.mcap_messages import McapMessages, OpenMessages
 from quadrig.single.arrays import Ints, Picture
 from quadrig.single.errors import QuadrigError
 
@@ -108,7 +108,8 @@ class McapVideo:
     @cached_property
     def keys(self) -> Ints:
         """Indices of the messages at which decoding can begin."""
-        keys = [k for k in range(len(self.messages)) if k == 0 or self._is_key(k)]
+        with self.messages.opened() as opened:
+            keys = [k for k in range(len(self.messages)) if k == 0 or self._is_key(opened, k)]
         return np.array(keys, np.int64)
 
     def stamps(self) -> Ints:
@@ -140,22 +141,23 @@ class McapVideo:
         """As ImageSource has it."""
         return _batches_at(self.keys, indices, size)
 
-    def _is_key(self, index: int) -> bool:
+    def _is_key(self, opened: OpenMessages, index: int) -> bool:
         if self.messages.message_encoding == "json":
-            return _begins_key_frame(self.messages.payload(index).data, self.encoding)
-        return _begins_key_frame(self.messages.data(index, _KEY_FRAME_BYTES), self.encoding)
+            return _begins_key_frame(opened.image(index).data, self.encoding)
+        return _begins_key_frame(opened.data(index, _KEY_FRAME_BYTES), self.encoding)
 
     def _frames(self) -> Iterator[Any]:
         av = import_av()
         decoder = av.CodecContext.create(_CODECS.get(self.encoding, self.encoding), "r")
         decoder.thread_count = 1
-        for index in range(len(self.messages)):
-            packet = av.Packet(self.messages.payload(index).data)
-            packet.pts = packet.dts = index
-            try:
-                yield from decoder.decode(packet)
-            except av.FFmpegError:
-                continue
+        with self.messages.opened() as opened:
+            for index in range(len(self.messages)):
+                packet = av.Packet(opened.image(index).data)
+                packet.pts = packet.dts = index
+                try:
+                    yield from decoder.decode(packet)
+                except av.FFmpegError:
+                    continue
         yield from decoder.decode(None)
 
 
@@ -176,7 +178,7 @@ def read_video(path: Path) -> VideoFile:
         raise QuadrigError(f"{path}: this video has no frames; was its recording cut off?")
     if base is None or any(pts is None for pts, _, _ in packets):
         return VideoFile(
-            path, name, np.arange(len(packets)), float(1 / rate) if rate else 1.0, np.zeros(1, int), True
+            path, name, np.arange(len(packets)), float(1 / rate) if rate else 1.0, np.zeros(1, int), counted=True
         )
     times = np.array([pts for pts, _, _ in packets], np.int64)
     order = np.argsort(times, kind="stable")

@@ -3,7 +3,7 @@
 import hashlib
 import os
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -142,8 +142,7 @@ def _records(path: Path) -> Iterator[ImageRecord]:
         index = index_mcap(path)
     except QuadrigError:
         return
-    file = McapBytes(path)
-    try:
+    with closing(McapBytes(path)) as file:
         for topic in index.topics:
             if topic.topic == DETECTIONS_TOPIC:
                 for chunk, offset in zip(topic.chunks.tolist(), topic.offsets.tolist(), strict=True):
@@ -151,8 +150,6 @@ def _records(path: Path) -> Iterator[ImageRecord]:
                         yield msgspec.json.decode(file.message(chunk, offset), type=ImageRecord)
                     except msgspec.MsgspecError:
                         return
-    finally:
-        file.close()
 
 
 def _views(record: ImageRecord) -> tuple[View, ...] | None:

@@ -110,7 +110,8 @@ def test_image_files_pair_by_their_numbers_and_are_copied(tmp_path, pictures):
     assert pairs == [(1, None), (2, 2), (3, 3), (None, 4), (5, 5), (10, 10)]
     source = recording.camera("left").source
     assert isinstance(source, McapImages)
-    assert source.messages.payload(0).data == (tmp_path / "left01.png").read_bytes()
+    with source.messages.opened() as opened:
+        assert opened.image(0).data == (tmp_path / "left01.png").read_bytes()
 
 
 def test_folders_are_a_recording(tmp_path, pictures):

@@ -1,6 +1,7 @@
 """MCAP files as writers leave them: chunked or not, compressed or not, indexed or not, whole or cut off."""
 
 import re
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -131,3 +132,12 @@ def test_parts_of_one_recording_follow_each_other(tmp_path, pictures):
     assert stamps.tolist() == sorted(stamps.tolist())
     part = split.camera("cam0").source.part(np.array([3, 8, 9]))
     assert [pictures.number(image) for image in part.images() if image is not None] == [1, 4, 4]
+
+
+def test_a_file_that_was_replaced_is_read_anew(tmp_path, pictures):
+    path = tmp_path / "a.mcap"
+    for given in (pictures.picture, lambda number: pictures.picture((number + 5) % 12)):
+        path.unlink(missing_ok=True)
+        write(path, SimpleNamespace(picture=given))
+        shown = numbers(open_recording([path]), pictures)["cam0"]
+        assert shown == [pictures.number(given(k)) for k in range(COUNT)]
