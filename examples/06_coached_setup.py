@@ -135,7 +135,7 @@ def framesets_until(target: float, person: Person, room: Room, rng: np.random.Ge
     return MOST_FRAMESETS, rig
 
 
-def waves(rng: np.random.Generator, room: Room, advice: Advice, rig: Rig | None) -> Pose:
+def waves(rng: np.random.Generator, room: Room, _advice: Advice, _rig: Rig | None) -> Pose:
     """Somebody who hears nothing: anywhere in the middle of the room, facing one camera or another, tilted."""
     place = rng.uniform([-0.7, -0.5, -0.7], [0.7, 0.4, 0.7])
     camera = room.world_from_cameras[rng.integers(len(room.names))]

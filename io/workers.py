@@ -145,6 +145,6 @@ def _begin_worker() -> None:
     cv2.setNumThreads(1)
 
 
-def _end(number: int, frame: FrameType | None) -> None:
+def _end(_number: int, _frame: FrameType | None) -> None:
     """A worker that is told to end finishes or removes on its way out what it is writing."""
     sys.exit(1)

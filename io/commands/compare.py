@@ -111,5 +111,5 @@ def _shown(first: Rig, second: Rig, found: Comparison) -> rerun_show.Shown:
 
     return rerun_show.Shown(
         comparison_blueprint(first),
-        lambda stream, one_look: log_comparison(stream, first, second, found, summary(found)),
+        lambda stream, _one_look: log_comparison(stream, first, second, found, summary(found)),
     )

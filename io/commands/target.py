@@ -77,8 +77,13 @@ def target(
         page = paper_named(paper, across=False)
         rectangles = _tags(ids, dictionary, page, size, per_page, name or "tag", moves)
     else:
-        page, board = _board(kind, ids, dictionary, paper, size, columns, rows, name or "board", moves)
-        rectangles, per_page = [board], 1
+        # By default an odd and an even count, so that a chessboard turned by 180 degrees is told from itself.
+        usual = (9, 6) if kind is Kind.chessboard else (7, 5)
+        columns, rows = columns or usual[0], rows or usual[1]
+        page = paper_named(paper, across=columns >= rows)
+        square = parse_length(size) if size else largest_square(page, columns, rows)
+        marking = _board_marking(kind, columns, rows, square, ids, dictionary)
+        rectangles, per_page = [Rectangle(name or "board", columns * square, rows * square, marking, moves)], 1
     check_rectangles(rectangles)
     if output is not None:
         drawing = target_pdf(rectangles, page, per_page)
@@ -102,31 +107,16 @@ def _tags(
     return [Rectangle(f"{name}{number}", side, side, TagMarking(known, number), moving) for number in numbers]
 
 
-def _board(
-    kind: Kind,
-    ids: str,
-    dictionary: str | None,
-    paper: str,
-    size: str | None,
-    columns: int | None,
-    rows: int | None,
-    name: str,
-    moving: bool,
-) -> tuple[Paper, Rectangle]:
-    # By default an odd and an even count, so that a chessboard turned by 180 degrees is told from itself.
-    columns, rows = columns or (9 if kind is Kind.chessboard else 7), rows or (6 if kind is Kind.chessboard else 5)
-    page = paper_named(paper, across=columns >= rows)
-    square = parse_length(size) if size else largest_square(page, columns, rows)
+def _board_marking(
+    kind: Kind, columns: int, rows: int, square: float, ids: str, dictionary: str | None
+) -> ChessboardMarking | CharucoMarking:
     if kind is Kind.chessboard:
         if dictionary is not None:
             raise QuadrigError("a chessboard has no tags; leave --dictionary out or choose --kind charuco")
-        marking = ChessboardMarking(columns, rows, square)
-    else:
-        first = parse_ids(ids)[0]
-        known = canonical_dictionary(dictionary or "aruco_4x4_50")
-        marker = round(_MARKER_SHARE * square, 4)
-        marking = CharucoMarking(columns, rows, square, marker, known, first_id=first)
-    return page, Rectangle(name, columns * square, rows * square, marking, moving)
+        return ChessboardMarking(columns, rows, square)
+    known = canonical_dictionary(dictionary or "aruco_4x4_50")
+    marker = round(_MARKER_SHARE * square, 4)
+    return CharucoMarking(columns, rows, square, marker, known, first_id=parse_ids(ids)[0])
 
 
 def _put_into(path: Path, rectangles: list[Rectangle]) -> None:

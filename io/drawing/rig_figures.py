@@ -20,15 +20,15 @@ _LONGEST_ARROW = 0.15
 _BINS = 24
 
 
-def arrow_scale(rig: Rig, camera: Camera) -> float:
+def arrow_scale(camera: Camera) -> float:
     """How many times longer than they are residuals are drawn, a round number."""
     usual = camera.rms if np.isfinite(camera.rms) and camera.rms > 0 else 1.0
     return max(round_down(_ARROW * camera.intrinsics.width / usual), 1.0)
 
 
-def residual_arrows(rig: Rig, camera: Camera, residuals: Floats) -> Floats:
+def residual_arrows(camera: Camera, residuals: Floats) -> Floats:
     """Residuals (P, 2) px, as long as they are drawn."""
-    arrows = arrow_scale(rig, camera) * residuals
+    arrows = arrow_scale(camera) * residuals
     length = np.linalg.norm(arrows, axis=1, keepdims=True)
     return arrows * np.minimum(1.0, _LONGEST_ARROW * camera.intrinsics.width / np.maximum(length, 1e-12))
 

@@ -15,6 +15,7 @@ from quadrig.io.recording.image_folder import ImageFiles
 from quadrig.io.recording.image_message import ROS2_DEFINITIONS
 from quadrig.io.recording.image_source import Stamped
 from quadrig.io.recording.recorded_cameras import RecordedCamera
+from quadrig.io.topic_writer import TopicWriter
 from quadrig.io.whole_file import written_beside
 from quadrig.single.arrays import Picture
 from quadrig.single.errors import QuadrigError
@@ -133,10 +134,9 @@ Write = Callable[[str, int, str, bytes], None]
 
 def image_writer(stream: BinaryIO, messages: MessageFormat) -> tuple[Write, Callable[[], None]]:
     """How to write one image (camera, stamp ns, format, bytes), and how to finish."""
-    from mcap.writer import CompressionType
-
     # What is JPEG or PNG does not get smaller: chunks without compression can be read in any place.
     if messages == "ros2":
+        from mcap.writer import CompressionType
         from mcap_ros2.writer import Writer as Ros2Writer
 
         ros2 = Ros2Writer(stream, compression=CompressionType.NONE)
@@ -151,14 +151,13 @@ def image_writer(stream: BinaryIO, messages: MessageFormat) -> tuple[Write, Call
 
         return write_ros2, ros2.finish
     from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
-    from mcap_protobuf.writer import Writer as ProtobufWriter
 
-    foxglove = ProtobufWriter(stream, compression=CompressionType.NONE)
+    foxglove = TopicWriter(stream)
 
     def write_foxglove(camera: str, stamp: int, form: str, data: bytes) -> None:
         message: Any = CompressedImage(frame_id=camera, format=form, data=data)
         message.timestamp.FromNanoseconds(stamp)
-        foxglove.write_message(_topic(camera), message, stamp, stamp)
+        foxglove.write_protobuf(_topic(camera), message, stamp)
 
     return write_foxglove, foxglove.finish
 

@@ -138,9 +138,9 @@ def field(rig: Rig, camera: Camera) -> str:
                 plot.box(low, high, _COVERED, 0.12 + 0.4 * float(np.sqrt(held.counts[row, column] / most)))
     chosen = _some(len(held.pixels), _MOST_ARROWS)
     starts = held.pixels[chosen] - held.residuals[chosen]
-    ends = starts + residual_arrows(rig, camera, held.residuals[chosen])
+    ends = starts + residual_arrows(camera, held.residuals[chosen])
     plot.segments(starts, ends, hexadecimal(PREDICTED))
-    plot.xlabel = f"residuals drawn {arrow_scale(rig, camera):.0f} times longer"
+    plot.xlabel = f"residuals drawn {arrow_scale(camera):.0f} times longer"
     return plot.svg(f"{camera.name}: residuals over the picture, and where corners were")
 
 

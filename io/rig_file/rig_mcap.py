@@ -24,6 +24,7 @@ from quadrig.io.rig_file.record import (
     encode_fit,
     encode_rig,
 )
+from quadrig.io.topic_writer import TopicWriter
 from quadrig.io.whole_file import written_beside
 from quadrig.rig.result import Camera, PlacedRectangle, Rig
 from quadrig.single.errors import QuadrigError
@@ -54,28 +55,22 @@ def write_rig(path: Path | str, rig: Rig, config_text: str = "", times: Sequence
     config_text: the rig.toml as the user wrote it. times: ns since 1970 of each frameset, by index; one microsecond
     apart from zero where not given. Raises QuadrigError where the file cannot be written.
     """
-    from mcap.writer import CompressionType
-    from mcap_protobuf.writer import Writer
-
     known = tuple(int(time) for time in times)
     times = known or _invented_times(rig)
     start = min(times, default=0)
-    # The record repeats itself much (the same board points in each View): zstd takes it to a quarter.
-    zstd = CompressionType.ZSTD
-    with (
-        written_beside(path) as beside,
-        beside.open("wb") as stream,
-        Writer(stream, compression=zstd, profile="quadrig") as writer,
-    ):
+    with written_beside(path) as beside, beside.open("wb") as stream:
+        # The record repeats itself much (the same board points in each View): zstd takes it to a quarter.
+        writer = TopicWriter(stream, "zstd", profile="quadrig")
         for camera in rig.cameras:
-            writer.write_message(f"/{camera.name}/camera_info", _calibration(camera, start), start, start)
+            writer.write_protobuf(f"/{camera.name}/camera_info", _calibration(camera, start), start)
         for time, transforms in _transforms(rig, times):
-            writer.write_message("/tf", transforms, time, time)
+            writer.write_protobuf("/tf", transforms, time)
         for placed in rig.rectangles:
-            writer.write_message(f"/{placed.name}/outline", _outline(placed, start), start, start)
-        _write_record(writer._writer, rig, times, known)
-        writer.add_attachment(0, start, CONFIG_ATTACHMENT, "application/toml", config_text.encode())
+            writer.write_protobuf(f"/{placed.name}/outline", _outline(placed, start), start)
+        _write_record(writer, rig, times, known)
+        writer.attach(CONFIG_ATTACHMENT, "application/toml", config_text.encode(), start)
         writer.add_metadata("quadrig", {"version": _version(), "record": str(RECORD_FORMAT)})
+        writer.finish()
 
 
 def read_rig(path: Path | str) -> Rig:
@@ -129,17 +124,14 @@ def _invented_times(rig: Rig) -> tuple[int, ...]:
     return tuple(1000 * index for index in range(max(framesets, default=-1) + 1))
 
 
-def _write_record(writer: Any, rig: Rig, times: tuple[int, ...], known: tuple[int, ...]) -> None:
-    channels = {}
-    for topic, name, kind in ((RIG_TOPIC, "quadrig.Rig", RigRecord), (VIEWS_TOPIC, "quadrig.View", FitRecord)):
-        schema = msgspec.json.encode(msgspec.json.schema(kind))
-        schema_id = writer.register_schema(name=name, encoding="jsonschema", data=schema)
-        channels[topic] = writer.register_channel(topic=topic, message_encoding="json", schema_id=schema_id)
+def _write_record(writer: TopicWriter, rig: Rig, times: tuple[int, ...], known: tuple[int, ...]) -> None:
+    writer.declare_json(RIG_TOPIC, "quadrig.Rig", msgspec.json.encode(msgspec.json.schema(RigRecord)))
+    writer.declare_json(VIEWS_TOPIC, "quadrig.View", msgspec.json.encode(msgspec.json.schema(FitRecord)))
     start = min(times, default=0)
-    writer.add_message(channels[RIG_TOPIC], start, encode_rig(rig, known), start)
-    for sequence, fit in enumerate(rig.fits):
+    writer.write_json(RIG_TOPIC, encode_rig(rig, known), start)
+    for number, fit in enumerate(rig.fits):
         time = times[fit.view.frameset] if 0 <= fit.view.frameset < len(times) else start
-        writer.add_message(channels[VIEWS_TOPIC], time, encode_fit(fit), time, sequence)
+        writer.write_json(VIEWS_TOPIC, encode_fit(fit), time, number)
 
 
 def _calibration(camera: Camera, time: int) -> Any:

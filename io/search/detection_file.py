@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import msgspec
 import numpy as np
@@ -15,6 +15,7 @@ from quadrig.io.recording.image_folder import folder_images
 from quadrig.io.recording.mcap_reader import McapBytes, index_mcap
 from quadrig.io.recording.recorded_cameras import RecordedCamera, Recording
 from quadrig.io.rig_file.view_record import ViewRecord, recorded_view, view_record
+from quadrig.io.topic_writer import TopicWriter
 from quadrig.single.arrays import Ints
 from quadrig.single.errors import QuadrigError
 from quadrig.single.rectangle import Rectangle
@@ -69,36 +70,22 @@ def read_detections(path: Path, keys: Mapping[str, str]) -> Found:
 class DetectionWriter:
     """Writes what was found, image by image. Made by `keep_detections`."""
 
-    def __init__(self, stream: Any, keys: Mapping[str, str]) -> None:
-        from mcap.writer import CompressionType, Writer
-
+    def __init__(self, stream: BinaryIO, keys: Mapping[str, str]) -> None:
         self._keys = keys
-        self._channels: dict[str, int] = {}
-        self._writer = Writer(stream, chunk_size=_CHUNK_BYTES, compression=CompressionType.LZ4)
-        self._writer.start(profile="", library="quadrig")
-        schema = self._writer.register_schema("quadrig.ImageDetections", "jsonschema", b'{"type": "object"}')
-        self._own = self._writer.register_channel(DETECTIONS_TOPIC, "json", schema)
+        self._writer = TopicWriter(stream, "lz4", _CHUNK_BYTES)
+        self._writer.declare_json(DETECTIONS_TOPIC, "quadrig.ImageDetections")
 
     def write(self, camera: str, image: int, stamp: int, views: Sequence[View] | None) -> None:
         """Add one image. views: None where it could not be read."""
         records = None if views is None else [view_record(view) for view in views]
         record = ImageRecord(self._keys[camera], camera, image, stamp, records)
-        self._writer.add_message(self._own, stamp, msgspec.json.encode(record), stamp)
+        self._writer.write_json(DETECTIONS_TOPIC, msgspec.json.encode(record), stamp)
         if views:
-            self._writer.add_message(self._channel(camera), stamp, _annotations(views, stamp), stamp)
+            self._writer.write_protobuf(f"/{camera}/annotations", _annotations(views, stamp), stamp)
 
     def finish(self) -> None:
         """Write the index."""
         self._writer.finish()
-
-    def _channel(self, camera: str) -> int:
-        if camera not in self._channels:
-            from foxglove_schemas_protobuf.ImageAnnotations_pb2 import ImageAnnotations
-            from mcap_protobuf.schema import register_schema
-
-            schema = register_schema(self._writer, ImageAnnotations)
-            self._channels[camera] = self._writer.register_channel(f"/{camera}/annotations", "protobuf", schema)
-        return self._channels[camera]
 
 
 @contextmanager
@@ -158,7 +145,7 @@ def _views(record: ImageRecord) -> tuple[View, ...] | None:
     return tuple(replace(recorded_view(one), camera=record.camera) for one in record.views)
 
 
-def _annotations(views: Sequence[View], stamp: int) -> bytes:
+def _annotations(views: Sequence[View], stamp: int) -> Any:
     from foxglove_schemas_protobuf.ImageAnnotations_pb2 import ImageAnnotations
     from foxglove_schemas_protobuf.PointsAnnotation_pb2 import PointsAnnotation
 
@@ -174,7 +161,7 @@ def _annotations(views: Sequence[View], stamp: int) -> bytes:
         label.timestamp.FromNanoseconds(stamp)
         label.position.x, label.position.y = np.asarray(view.pixels).mean(axis=0).tolist()
         label.text_color.r = label.text_color.g = label.text_color.b = label.text_color.a = 1.0
-    return message.SerializeToString()
+    return message
 
 
 def _file_mark(path: Path) -> list:

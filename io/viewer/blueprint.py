@@ -21,7 +21,7 @@ def rig_blueprint(rig: Rig) -> Any:
         _picture(
             camera,
             f"field/{camera.name}",
-            f"{camera.name}: residuals x{arrow_scale(rig, camera):.0f}, coverage",
+            f"{camera.name}: residuals x{arrow_scale(camera):.0f}, coverage",
         )
         for camera in rig.cameras
     ]

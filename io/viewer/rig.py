@@ -231,7 +231,7 @@ def _log_picture_marks(recording: Any, rig: Rig, camera: Camera, fits: list[View
         f"{path}/residuals",
         rr.Arrows2D(
             origins=(pixels - residuals)[told],
-            vectors=residual_arrows(rig, camera, residuals[told]),
+            vectors=residual_arrows(camera, residuals[told]),
             colors=[PREDICTED],
             radii=rr.Radius.ui_points(1.0),
             draw_order=31,
@@ -340,7 +340,7 @@ def _log_field(recording: Any, rig: Rig, camera: Camera, colour: Colour) -> None
         f"{path}/residuals",
         rr.Arrows2D(
             origins=field.pixels - field.residuals,
-            vectors=residual_arrows(rig, camera, field.residuals),
+            vectors=residual_arrows(camera, field.residuals),
             colors=[PREDICTED],
             radii=rr.Radius.ui_points(0.8),
             draw_order=20,

@@ -21,7 +21,7 @@ def looked(monkeypatch):
         monkeypatch.setattr(
             check_command,
             "views_of",
-            lambda held, paths, most: (tuple(placed.rectangle for placed in held.rig.rectangles), list(views)),
+            lambda held, _paths, _most: (tuple(placed.rectangle for placed in held.rig.rectangles), list(views)),
         )
 
     return with_views
@@ -138,7 +138,7 @@ def _entities(path):
     return {str(chunk.entity_path) for chunk in RrdReader(str(path)).stream()}
 
 
-def test_identity_is_no_difference(example_rig, rig_path, capsys):
+def test_identity_is_no_difference(rig_path, capsys):
     assert run(["compare", str(rig_path), str(rig_path), "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
     assert told["chance"] == pytest.approx(1)

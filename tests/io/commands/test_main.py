@@ -243,7 +243,7 @@ def test_only_needs_the_rig_from_before(pictures: Path) -> None:
 
 
 def test_what_nobody_expected_is_one_line_and_the_traceback_on_demand(monkeypatch, capsys) -> None:
-    def fails(name: str) -> None:
+    def fails(_name: str) -> None:
         raise KeyError("something\nlong")
 
     monkeypatch.setattr(commands, "_function", fails)
@@ -257,7 +257,7 @@ def test_what_nobody_expected_is_one_line_and_the_traceback_on_demand(monkeypatc
 
 
 def test_interrupted_says_so(monkeypatch, capsys) -> None:
-    def interrupted(name: str) -> None:
+    def interrupted(_name: str) -> None:
         raise KeyboardInterrupt
 
     monkeypatch.setattr(commands, "_function", interrupted)

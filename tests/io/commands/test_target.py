@@ -94,7 +94,7 @@ def test_ruler_is_150_mm_long(tmp_path, capsys):
     assert longest == pytest.approx(150 / 25.4 * DPI, abs=2)
 
 
-def test_config_takes_the_rectangles_and_keeps_the_rest(tmp_path, capsys):
+def test_config_takes_the_rectangles_and_keeps_the_rest(tmp_path):
     path = tmp_path / "rig.toml"
     assert run(["target", "--ids", "0-1", "--size", "80mm", "--config", str(path)]) == 0
     path.write_text("# my room\n" + path.read_text())

@@ -153,7 +153,7 @@ def test_rosbags_writer(tmp_path, pictures, encoding):
             info = types["sensor_msgs/msg/CameraInfo"](
                 header, *size, "plumb_bob", np.array([-0.3, 0.1, 0.001, -0.002, 0.05]),
                 np.array([80.0, 0, 47, 0, 82.0, 31, 0, 0, 1]), np.eye(3).ravel(), np.zeros(12), 0, 0,
-                types["sensor_msgs/msg/RegionOfInterest"](0, 0, 0, 0, False),
+                types["sensor_msgs/msg/RegionOfInterest"](0, 0, 0, 0, do_rectify=False),
             )  # fmt: skip
             writer.write(lens, START + k * PERIOD + LATENCY, store.serialize_cdr(info, lens.msgtype))
     check(tmp_path / "bag", pictures, camera="front/left", colour=0.0 if encoding == "mono16" else 6.0)
