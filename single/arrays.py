@@ -6,6 +6,12 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 """Coordinates, transforms, covariances."""
 
+Singles = NDArray[np.float32]
+"""Light, rays and grey values of whole pictures: single precision is plenty there, and takes half the time."""
+
+Reals = NDArray[np.floating]
+"""Values of either precision."""
+
 Ints = NDArray[np.integer]
 """Indices, counts, ids, stamps in nanoseconds."""
 

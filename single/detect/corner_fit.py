@@ -4,19 +4,19 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from quadrig.single.arrays import Floats
+from quadrig.single.arrays import Floats, Ints, Picture, Singles
 from quadrig.single.detect.blurred_step import (
-    _BLUR_SPREAD,
-    _ITERATIONS,
-    _LEAST_NOISE,
-    _SHARPEST,
-    _SOFTEST,
-    _USUAL_BLUR,
-    _grey,
-    _mean,
-    _settled,
-    _solve_damped,
-    _step,
+    BLUR_SPREAD,
+    ITERATIONS,
+    LEAST_NOISE,
+    SHARPEST,
+    SOFTEST,
+    USUAL_BLUR,
+    damped_step,
+    grey_at,
+    settled,
+    soft_step,
+    weighted_mean,
 )
 
 
@@ -30,7 +30,7 @@ class CornerFit:
     contrast: Floats
     blur: Floats
 
-    def changed(self, index: Floats, other: "CornerFit") -> "CornerFit":
+    def changed(self, index: Ints, other: "CornerFit") -> "CornerFit":
         """The same with the corners of these indices taken from another fit."""
         parts = [(getattr(self, one.name).copy(), getattr(other, one.name)) for one in fields(self)]
         for whole, part in parts:
@@ -38,7 +38,7 @@ class CornerFit:
         return CornerFit(*(whole for whole, _ in parts))
 
 
-def fit_corners(image: Floats, pixels: Floats, axes: Floats, radius: Floats, clear: float = np.inf) -> CornerFit:
+def fit_corners(image: Picture, pixels: Floats, axes: Floats, radius: Floats, clear: float = np.inf) -> CornerFit:
     """Fit corners where four squares of a board meet, near pixels (N, 2), in a grey image (h, w).
 
     axes (N, 2, 2): px that one square's side spans along the board's columns and along its rows at each corner.
@@ -50,7 +50,7 @@ def fit_corners(image: Floats, pixels: Floats, axes: Floats, radius: Floats, cle
     window = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
     window = window[np.hypot(*window.T) < np.max(radius, initial=1.0) + 1.3][None]
     whole = np.rint(pixels).astype(int)[:, None] + window
-    grey, valid = _grey(image, whole[..., 0], whole[..., 1])
+    grey, valid = grey_at(image, whole[..., 0], whole[..., 1])
     places = whole - pixels[:, None]
     square = np.linalg.inv(np.swapaxes(axes, 1, 2))
     board = places @ np.swapaxes(square, 1, 2)
@@ -61,13 +61,13 @@ def fit_corners(image: Floats, pixels: Floats, axes: Floats, radius: Floats, cle
     return _corner_iterations(pixels, axes, places.astype(np.float32), grey, weight.astype(np.float32))
 
 
-def _corner_iterations(pixels, axes, places, grey, weight) -> CornerFit:
+def _corner_iterations(pixels: Floats, axes: Floats, places: Singles, grey: Singles, weight: Singles) -> CornerFit:
     count = len(pixels)
     parameters = np.zeros((count, 9))  # x, y, two angles, log blur, mean grey, its slopes, half contrast
     parameters[:, 2:4] = np.arctan2(axes[:, :, 1], axes[:, :, 0])
-    parameters[:, 4] = _USUAL_BLUR
+    parameters[:, 4] = USUAL_BLUR
     total = np.maximum(weight.sum(axis=1), 1e-9)
-    parameters[:, 5] = _mean(grey, weight)
+    parameters[:, 5] = weighted_mean(grey, weight)
     pattern = _corner_model(parameters, places, grey)[1][:, 8]
     parameters[:, 8] = np.sum(weight * pattern * (grey - parameters[:, 5:6]), axis=1) / np.maximum(
         np.sum(weight * pattern**2, axis=1), 1e-9
@@ -75,40 +75,40 @@ def _corner_iterations(pixels, axes, places, grey, weight) -> CornerFit:
     noise = np.full(count, 4.0)
     inverse = np.zeros((count, 9, 9))
     active = np.arange(count)
-    for _ in range(_ITERATIONS):
+    for _ in range(ITERATIONS):
         now, w = parameters[active], weight[active]
         residual, jacobian = _corner_model(now, places[active], grey[active])
-        level = np.sqrt(np.sum(w * residual**2, axis=1) / np.maximum(total[active] - 8, 1)) + _LEAST_NOISE
+        level = np.sqrt(np.sum(w * residual**2, axis=1) / np.maximum(total[active] - 8, 1)) + LEAST_NOISE
         prior = np.zeros((len(active), 9))
         # The board's own lines are known to some degrees.
         prior[:, 2:4] = (level[:, None] / 0.15) ** 2
-        prior[:, 4] = (level / _BLUR_SPREAD) ** 2
+        prior[:, 4] = (level / BLUR_SPREAD) ** 2
         prior[:, 6:8] = (level / (0.05 * np.abs(now[:, 8]) + 0.1))[:, None] ** 2
         pull = np.zeros((len(active), 9))
-        pull[:, 4] = _USUAL_BLUR - now[:, 4]
+        pull[:, 4] = USUAL_BLUR - now[:, 4]
         pull[:, 6:8] = -now[:, 6:8]
-        step, inverse[active] = _solve_damped(jacobian, residual, w, prior, pull)
+        step, inverse[active] = damped_step(jacobian, residual, w, prior, pull)
         step[:, :2] = np.clip(step[:, :2], -1.0, 1.0)
         step[:, 2:4] = np.clip(step[:, 2:4], -0.3, 0.3)
         step[:, 4] = np.clip(step[:, 4], -0.5, 0.5)
         parameters[active] = now + step
-        parameters[:, 4] = np.clip(parameters[:, 4], np.log(_SHARPEST), np.log(_SOFTEST))
+        parameters[:, 4] = np.clip(parameters[:, 4], np.log(SHARPEST), np.log(SOFTEST))
         noise[active] = level
-        active = active[~_settled(step[:, :2], step[:, 4])]
+        active = active[~settled(step[:, :2], step[:, 4])]
         if not len(active):
             break
     sigma = noise * np.sqrt(np.maximum(inverse[:, 0, 0] + inverse[:, 1, 1], 0) / 2)
     return CornerFit(pixels + parameters[:, :2], sigma, noise, 2 * parameters[:, 8], np.exp(parameters[:, 4]))
 
 
-def _corner_model(parameters: Floats, places: Floats, grey: Floats) -> tuple[Floats, Floats]:
+def _corner_model(parameters: Floats, places: Singles, grey: Singles) -> tuple[Singles, Singles]:
     x, y, first, second, log_blur, mean, slope_x, slope_y, half = parameters.astype(np.float32).T[..., None]
     blur = np.exp(log_blur)
     dx, dy = places[..., 0] - x, places[..., 1] - y
     signs, by_distance, by_blur, distance_along = [], [], [], []
     for angle in (first, second):
         cos, sin = np.cos(angle), np.sin(angle)
-        value, slope, widen = _step(cos * dy - sin * dx, blur)
+        value, slope, widen = soft_step(cos * dy - sin * dx, blur)
         signs.append(2 * value - 1)
         by_distance.append(2 * slope)
         by_blur.append(2 * widen)

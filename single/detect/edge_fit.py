@@ -8,19 +8,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from quadrig.single.arrays import Floats
+from quadrig.single.arrays import Floats, Mask, Picture, Singles
 from quadrig.single.detect.blurred_step import (
-    _BLUR_SPREAD,
-    _ITERATIONS,
-    _LEAST_NOISE,
-    _SHARPEST,
-    _SOFTEST,
-    _USUAL_BLUR,
-    _grey,
-    _mean,
-    _settled,
-    _solve_damped,
-    _step,
+    BLUR_SPREAD,
+    ITERATIONS,
+    LEAST_NOISE,
+    SHARPEST,
+    SOFTEST,
+    USUAL_BLUR,
+    damped_step,
+    grey_at,
+    settled,
+    soft_step,
+    weighted_mean,
 )
 
 # Bow (px over half a side of 50 px) that a strong wide-angle lens gives a straight edge; it grows with the square.
@@ -46,7 +46,7 @@ class EdgeFit:
     dark: Floats
 
     @property
-    def washed_out(self) -> Floats:
+    def washed_out(self) -> Mask:
         """Which (N,) edges run between white that is clipped and a dark side that is light: they lie elsewhere."""
         lighter, darker = (
             np.maximum(self.dark, self.dark + self.contrast),
@@ -56,7 +56,7 @@ class EdgeFit:
 
 
 def fit_edges(
-    image: Floats,
+    image: Picture,
     start: Floats,
     end: Floats,
     inside: Floats,
@@ -78,66 +78,84 @@ def fit_edges(
     normal = np.stack([tangent[:, 1], -tangent[:, 0]], axis=1)
     middle = (start + end) / 2
     normal *= -np.sign(np.sum((inside - middle) * normal, axis=1))[:, None]
-    bow = np.zeros(len(start)) if bow is None else bow
-    u, offset, grey, valid = _edge_samples(image, middle, tangent, normal, length, reach, margin, bow, most)
-    return _edge_iterations(u, offset, grey, valid, length, reach, bow)
+    bands = _Bands(middle, tangent, normal, length, reach, np.zeros(len(start)) if bow is None else bow)
+    u, offset, grey, weight = _edge_samples(image, bands, margin, most)
+    return _edge_iterations(u, offset, grey, weight, bands)
 
 
-def _edge_samples(image, middle, tangent, normal, length, reach, margin, bow, most):
+@dataclass(frozen=True, eq=False)
+class _Bands:
+    """Bands along N edges: middle (N, 2), unit vectors along and across (N, 2), length, reach and bow (N,), px."""
+
+    middle: Floats
+    tangent: Floats
+    normal: Floats
+    length: Floats
+    reach: Floats
+    bow: Floats
+
+
+def _edge_samples(
+    image: Picture, bands: _Bands, margin: Floats, most: int
+) -> tuple[Singles, Singles, Singles, Singles]:
     """Pixels in the bands along the edges, with their exact places: u along in [-1, 1], offset across in px."""
-    free = np.maximum(length - 2 * margin, 1.0)
+    middle, length = bands.middle, bands.length[:, None, None]
+    tangent, normal, bow = bands.tangent[:, None, None], bands.normal[:, None, None], bands.bow[:, None, None]
+    free = np.maximum(bands.length - 2 * margin, 1.0)
     many = int(np.clip(np.max(free), 8, most))
-    wide = int(np.ceil(np.max(reach)))
+    wide = int(np.ceil(np.max(bands.reach)))
     s = (np.linspace(-0.5, 0.5, many)[None, :, None]) * free[:, None, None]
-    bulge = bow[:, None, None] * ((2 * s / length[:, None, None]) ** 2 - 1)
+    bulge = bow * ((2 * s / length) ** 2 - 1)
     n = np.arange(-wide, wide + 1)[None, None, :] + bulge
-    points = middle[:, None, None] + s[..., None] * tangent[:, None, None] + n[..., None] * normal[:, None, None]
+    points = middle[:, None, None] + s[..., None] * tangent + n[..., None] * normal
     whole = np.rint(points).astype(int)
-    grey, valid = _grey(image, whole[..., 0], whole[..., 1])
+    grey, valid = grey_at(image, whole[..., 0], whole[..., 1])
     shift = whole - middle[:, None, None]
-    u = np.sum(shift * tangent[:, None, None], axis=-1) / (length[:, None, None] / 2)
-    offset = np.sum(shift * normal[:, None, None], axis=-1)
-    valid &= np.abs(offset - bow[:, None, None] * (u**2 - 1)) <= reach[:, None, None] + 0.5
-    flat = len(length), -1
+    u = np.sum(shift * tangent, axis=-1) / (length / 2)
+    offset = np.sum(shift * normal, axis=-1)
+    valid &= np.abs(offset - bow * (u**2 - 1)) <= bands.reach[:, None, None] + 0.5
+
+    def flat(part: Floats | Singles) -> Singles:
+        return part.reshape(len(length), -1).astype(np.float32)
+
     # A pixel of a short side is met several times; its weight is that of one pixel.
     repeat = np.minimum(1.0, free / many)[:, None]
-    parts = u, offset, grey, valid * repeat[..., None]
-    return tuple(part.reshape(flat).astype(np.float32) for part in parts)
+    return flat(u), flat(offset), flat(grey), flat(valid * repeat[..., None])
 
 
-def _edge_iterations(u, offset, grey, weight, length, reach, start_bow) -> EdgeFit:
-    count = len(length)
+def _edge_iterations(u: Singles, offset: Singles, grey: Singles, weight: Singles, bands: _Bands) -> EdgeFit:
+    count, reach, start_bow = len(bands.length), bands.reach, bands.bow
     parameters = np.zeros((count, 8))  # dark, its slope, contrast, its slope, c0, c1, c2, log blur
     total = np.maximum(weight.sum(axis=1), 1e-9)
     across = offset - start_bow[:, None] * (u**2 - 1)
-    bright = _mean(grey, weight * (across > 0.4 * reach[:, None]))
-    dark = _mean(grey, weight * (across < -0.4 * reach[:, None]))
+    bright = weighted_mean(grey, weight * (across > 0.4 * reach[:, None]))
+    dark = weighted_mean(grey, weight * (across < -0.4 * reach[:, None]))
     parameters[:, 4], parameters[:, 6] = -start_bow, start_bow
     parameters[:, 0], parameters[:, 2] = dark, bright - dark
     # A step as soft as the band is wide feels the edge from afar; it sharpens as it comes nearer.
     parameters[:, 7] = np.log(np.maximum(0.5, reach / 4))
     farthest = np.maximum(1.0, reach / 4)[:, None]
     noise = np.full(count, 4.0)
-    bow = _BOW * (length / 100) ** 2
+    bow = _BOW * (bands.length / 100) ** 2
     inverse = np.zeros((count, 8, 8))
     active = np.arange(count)
-    for _ in range(_ITERATIONS):
+    for _ in range(ITERATIONS):
         now, w = parameters[active], weight[active]
         residual, jacobian = _edge_model(now, u[active], offset[active], grey[active])
-        level = np.sqrt(np.sum(w * residual**2, axis=1) / np.maximum(total[active] - 7, 1)) + _LEAST_NOISE
+        level = np.sqrt(np.sum(w * residual**2, axis=1) / np.maximum(total[active] - 7, 1)) + LEAST_NOISE
         prior = np.zeros((len(active), 8))
         prior[:, [1, 3]] = (level / (0.5 * np.abs(now[:, 2]) + 1))[:, None] ** 2
         prior[:, 6] = (level / bow[active]) ** 2
-        prior[:, 7] = (level / _BLUR_SPREAD) ** 2
+        prior[:, 7] = (level / BLUR_SPREAD) ** 2
         pull = -now
-        pull[:, 7] += _USUAL_BLUR
-        step, inverse[active] = _solve_damped(jacobian, residual, w, prior, pull)
+        pull[:, 7] += USUAL_BLUR
+        step, inverse[active] = damped_step(jacobian, residual, w, prior, pull)
         step[:, 4:7] = np.clip(step[:, 4:7], -farthest[active], farthest[active])
         step[:, 7] = np.clip(step[:, 7], -0.5, 0.5)
         parameters[active] = now + step
-        parameters[:, 7] = np.clip(parameters[:, 7], np.log(_SHARPEST), np.log(_SOFTEST))
+        parameters[:, 7] = np.clip(parameters[:, 7], np.log(SHARPEST), np.log(SOFTEST))
         noise[active] = level
-        active = active[~_settled(step[:, 4:7], step[:, 7])]
+        active = active[~settled(step[:, 4:7], step[:, 7])]
         if not len(active):
             break
     covariance = inverse[:, 4:7, 4:7] * (noise**2)[:, None, None]
@@ -145,10 +163,10 @@ def _edge_iterations(u, offset, grey, weight, length, reach, start_bow) -> EdgeF
     return EdgeFit(parameters[:, 4:7].copy(), covariance, noise, contrast, np.exp(parameters[:, 7]), dark)
 
 
-def _edge_model(parameters: Floats, u: Floats, offset: Floats, grey: Floats) -> tuple[Floats, Floats]:
+def _edge_model(parameters: Floats, u: Singles, offset: Singles, grey: Singles) -> tuple[Singles, Singles]:
     dark, dark_slope, contrast, contrast_slope, c0, c1, c2, log_blur = parameters.astype(np.float32).T[..., None]
     blur = np.exp(log_blur)
-    value, slope, by_blur = _step(offset - (c0 + u * (c1 + u * c2)), blur)
+    value, slope, by_blur = soft_step(offset - (c0 + u * (c1 + u * c2)), blur)
     height = contrast + contrast_slope * u
     residual = grey - (dark + dark_slope * u + height * value)
     jacobian = np.empty((len(u), 8, u.shape[1]), np.float32)
@@ -162,7 +180,7 @@ def _edge_model(parameters: Floats, u: Floats, offset: Floats, grey: Floats) -> 
 
 
 def fit_outline(
-    image: Floats,
+    image: Picture,
     corners: Floats,
     reach: Floats,
     bow: Floats | None = None,
@@ -204,15 +222,17 @@ def _meet(corners: Floats, fit: EdgeFit) -> tuple[Floats, Floats]:
     middle, tangent, normal = middle[:, both], tangent[:, both], normal[:, both]
     half = length[:, both, 0] / 2
     c = fit.coefficients.reshape(count, 4, 3)[:, both]
-    points = corners.copy()
-    for _ in range(3):
+
+    def newton(points: Floats) -> tuple[Floats, Floats, Floats]:
         shift = points[:, :, None] - middle
         u = np.sum(shift * tangent, axis=-1) / half
         powers = np.stack([np.ones_like(u), u, u * u], axis=-1)
         slope = (c[..., 1] + 2 * c[..., 2] * u) / half
         gaps = np.sum(shift * normal, axis=-1) - np.sum(c * powers, axis=-1)
         inverse = _inverse(normal - slope[..., None] * tangent)
-        points = points - (inverse @ gaps[..., None])[..., 0]
+        return points - (inverse @ gaps[..., None])[..., 0], powers, inverse
+
+    points, powers, inverse = newton(newton(newton(corners)[0])[0])
     covariance = fit.covariance.reshape(count, 4, 3, 3)[:, both]
     variances = np.sum((covariance @ powers[..., None])[..., 0] * powers, axis=-1)
     variance = np.sum(inverse**2 * variances[..., None, :], axis=(-1, -2)) / 2

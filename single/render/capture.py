@@ -11,8 +11,9 @@ from functools import lru_cache
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
-from quadrig.single.arrays import Floats, Picture
+from quadrig.single.arrays import Floats, Picture, Singles
 
 # Places at which the noise of a picture may begin: two pictures of a recording hardly ever share one.
 _STRIP = 1 << 20
@@ -34,7 +35,7 @@ class ToneCurve:
     offset: float = 0.0
     s: float = 0.0
 
-    def __call__(self, light: Floats) -> Floats:
+    def __call__(self, light: Singles) -> Singles:
         """Grey values of light, of any shape; light beyond white stays white."""
         light = np.clip(light, 0, 1)
         value = light if self.gamma == 1 else (1 + self.offset) * light ** (1 / self.gamma) - self.offset
@@ -91,35 +92,36 @@ class Capture:
     jpeg: int | None = None
 
 
-def take_picture(light: Floats, capture: Capture, rng: np.random.Generator | None = None) -> Picture:
+def take_picture(light: Singles, capture: Capture, rng: np.random.Generator | None = None) -> Picture:
     """The picture uint8 of linear light (h, w) or (h, w, 3), which sheets have blurred already and this changes.
 
     Noise is drawn from rng; from seed 0 where None.
     """
     for shadow in capture.shadows:
-        light *= _shaped(1 - shadow.depth * _shadow_cover(light.shape, shadow, capture.blur), light)
+        light *= for_all_colours(1 - shadow.depth * _shadow_cover(light.shape, shadow, capture.blur), light)
     for hand in capture.hands:
         cover, tone = _hand_cover(light.shape, hand, capture.blur)
-        light += _shaped(cover, light) * (_shaped(tone, light) - light)
-    light *= _shaped(_illumination(light.shape, capture), light)
+        light += for_all_colours(cover, light) * (for_all_colours(tone, light) - light)
+    light *= for_all_colours(_illumination(light.shape, capture), light)
     if capture.noise > 0:
         rng = rng if rng is not None else np.random.default_rng(0)
-        light += _shaped(_grain(*light.shape[:2], rng) * np.float32(capture.noise / 255), light)
+        light += for_all_colours(_grain(light.shape[0], light.shape[1], rng) * np.float32(capture.noise / 255), light)
     if capture.curve != LINEAR:
         light = capture.curve(light)
     image = cv2.convertScaleAbs(np.maximum(light, 0, out=light), alpha=255)
     if capture.jpeg is not None:
         code = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, capture.jpeg])[1]
         image = cv2.imdecode(code, cv2.IMREAD_UNCHANGED)
+        assert image is not None
     return np.asarray(image, np.uint8)
 
 
-def _shaped(one: Floats, light: Floats) -> Floats:
-    """The same for all colours."""
+def for_all_colours(one: Singles, light: Singles) -> Singles:
+    """A value a pixel (h, w) in the shape that meets light, (h, w) or (h, w, 3)."""
     return one if light.ndim == 2 else one[..., None]
 
 
-def _illumination(shape: Sequence[int], capture: Capture) -> Floats:
+def _illumination(shape: Sequence[int], capture: Capture) -> Singles:
     height, width = shape[:2]
     light = _vignette(width, height, capture.vignetting) if capture.vignetting > 0 else np.float32(1)
     if any(capture.slope):
@@ -128,13 +130,13 @@ def _illumination(shape: Sequence[int], capture: Capture) -> Floats:
     return np.broadcast_to(np.float32(capture.exposure) * light, (height, width))
 
 
-def _shadow_cover(shape: Sequence[int], shadow: Shadow, blur: float) -> Floats:
+def _shadow_cover(shape: Sequence[int], shadow: Shadow, blur: float) -> Singles:
     cover = np.zeros((shape[0] * _FINE, shape[1] * _FINE), np.uint8)
     cv2.fillPoly(cover, [_fine(shadow.outline)], 255)
     return _gathered(cover, float(np.hypot(blur, shadow.softness)))
 
 
-def _hand_cover(shape: Sequence[int], hand: Hand, blur: float) -> tuple[Floats, Floats]:
+def _hand_cover(shape: Sequence[int], hand: Hand, blur: float) -> tuple[Singles, Singles]:
     """Share (h, w) of each pixel that the hand hides, and the hand's own light."""
     cover = np.zeros((shape[0] * _FINE, shape[1] * _FINE), np.uint8)
     along = np.array([np.cos(hand.direction), np.sin(hand.direction)])
@@ -156,31 +158,31 @@ def _hand_cover(shape: Sequence[int], hand: Hand, blur: float) -> tuple[Floats, 
     return whole, (_SKIN * (1 - _ROUNDING + _ROUNDING * inner)).astype(np.float32)
 
 
-def _fine(outline: Sequence[tuple[float, float]]) -> Floats:
+def _fine(outline: Sequence[tuple[float, float]]) -> NDArray[np.int32]:
     return np.rint((np.array(outline) + 0.5) * _FINE - 0.5).astype(np.int32)
 
 
-def _gathered(fine: Floats, blur: float) -> Floats:
+def _gathered(fine: Picture, blur: float) -> Singles:
     """A drawing (h, w) in [0, 1] of one of finer steps, blurred before the pixels gather it."""
     if blur > 0:
-        fine = cv2.GaussianBlur(fine, (0, 0), blur * _FINE)
+        fine = np.asarray(cv2.GaussianBlur(fine, (0, 0), blur * _FINE), np.uint8)
     size = (fine.shape[1] // _FINE, fine.shape[0] // _FINE)
-    return cv2.resize(fine, size, interpolation=cv2.INTER_AREA).astype(np.float32) / 255
+    return cv2.resize(fine, size, interpolation=cv2.INTER_AREA).astype(np.float32) / np.float32(255)
 
 
-def _grain(height: int, width: int, rng: np.random.Generator) -> Floats:
+def _grain(height: int, width: int, rng: np.random.Generator) -> Singles:
     """Normal noise (h, w): a random part of one long strip, since drawing it anew would take a third of the time."""
     start = int(rng.integers(0, _STRIP))
     return _strip(height * width + _STRIP)[start : start + height * width].reshape(height, width)
 
 
 @lru_cache(maxsize=4)
-def _strip(length: int) -> Floats:
+def _strip(length: int) -> Singles:
     return np.random.default_rng(length).standard_normal(length, np.float32)
 
 
 @lru_cache(maxsize=8)
-def _vignette(width: int, height: int, strength: float) -> Floats:
+def _vignette(width: int, height: int, strength: float) -> Singles:
     x = (np.arange(width, dtype=np.float32) - (width - 1) / 2) / (width / 2)
     y = (np.arange(height, dtype=np.float32) - (height - 1) / 2) / (height / 2)
     return (1 - strength * (x[None, :] ** 2 + y[:, None] ** 2) / 2).astype(np.float32)

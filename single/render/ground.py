@@ -3,10 +3,10 @@
 import cv2
 import numpy as np
 
-from quadrig.single.arrays import Floats
+from quadrig.single.arrays import Reals, Singles
 
 
-def wood(size: tuple[int, int], rng: np.random.Generator, contrast: float = 0.25) -> Floats:
+def wood(size: tuple[int, int], rng: np.random.Generator, contrast: float = 0.25) -> Singles:
     """Boards with grain (h, w) in [0, 1], of mean 0.5: rings drawn out along the width, fine pores, joints.
 
     size: width and height, texels. contrast: standard deviation over the mean.
@@ -20,7 +20,7 @@ def wood(size: tuple[int, int], rng: np.random.Generator, contrast: float = 0.25
     return _toned(0.7 * rings + 0.5 * pores + boards, contrast)
 
 
-def fabric(size: tuple[int, int], rng: np.random.Generator, contrast: float = 0.2, threads: int = 160) -> Floats:
+def fabric(size: tuple[int, int], rng: np.random.Generator, contrast: float = 0.2, threads: int = 160) -> Singles:
     """A woven cloth (h, w) in [0, 1], of mean 0.5: threads over and under each other, uneven, with soft folds."""
     width, height = size
     x = np.linspace(0, np.pi * threads, width, dtype=np.float32)[None]
@@ -31,7 +31,7 @@ def fabric(size: tuple[int, int], rng: np.random.Generator, contrast: float = 0.
     return _toned(0.8 * weave + 0.4 * uneven + 0.6 * folds, contrast)
 
 
-def _smooth(rng: np.random.Generator, shape: tuple[int, int], scale: tuple[float, float]) -> Floats:
+def _smooth(rng: np.random.Generator, shape: tuple[int, int], scale: tuple[float, float]) -> Singles:
     """Random values of mean 0 and variance 1, alike over so many texels along x and y."""
     # Drawn coarsely where they are smooth, for a wide blur of every texel takes seconds.
     steps = [max(1, int(s / 4)) for s in scale]
@@ -42,6 +42,6 @@ def _smooth(rng: np.random.Generator, shape: tuple[int, int], scale: tuple[float
     return (values - values.mean()) / values.std()
 
 
-def _toned(pattern: Floats, contrast: float) -> Floats:
+def _toned(pattern: Reals, contrast: float) -> Singles:
     pattern = (pattern - pattern.mean()) / pattern.std()
     return np.clip(0.5 * (1 + contrast * pattern), 0, 1).astype(np.float32)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from quadrig.single.arrays import Floats
+from quadrig.single.arrays import Singles
 from quadrig.single.detect.dictionaries import check_tag_id, tag_dictionary
 from quadrig.single.marking import CharucoMarking, ChessboardMarking, TagMarking, charuco_tag_squares, starts_with_tag
 from quadrig.single.rectangle import Rectangle
@@ -91,8 +91,8 @@ def _cells(dictionary: str) -> int:
 def _tag_patches(dictionary: str, tag_id: int, x: float, y: float, width: float, height: float) -> list[Patch]:
     """Runs of white cells on one black square with its middle at (x, y)."""
     cells = cv2.aruco.generateImageMarker(tag_dictionary(dictionary), tag_id, _cells(dictionary)) > 127
-    edges_x = x + width * (np.arange(len(cells) + 1) / len(cells) - 0.5)
-    edges_y = y + height * (np.arange(len(cells) + 1) / len(cells) - 0.5)
+    edges_x = (x + width * (np.arange(len(cells) + 1) / len(cells) - 0.5)).tolist()
+    edges_y = (y + height * (np.arange(len(cells) + 1) / len(cells) - 0.5)).tolist()
     patches = [Patch(edges_x[0], edges_y[0], edges_x[-1], edges_y[-1], INK)]
     for row, line in enumerate(cells):
         changes = np.flatnonzero(np.diff(np.concatenate([[False], line, [False]]).astype(int)))
@@ -101,7 +101,7 @@ def _tag_patches(dictionary: str, tag_id: int, x: float, y: float, width: float,
     return patches
 
 
-def marking_image(rectangle: Rectangle, pixels_per_metre: float, margin: float | None = None) -> Floats:
+def marking_image(rectangle: Rectangle, pixels_per_metre: float, margin: float | None = None) -> Singles:
     """The sheet's picture (h, w) float32 in [0, 1], each pixel the mean tone over its area.
 
     The picture spans the sheet with its margin exactly, in at least pixels_per_metre along both of its sides.
@@ -121,7 +121,7 @@ def marking_image(rectangle: Rectangle, pixels_per_metre: float, margin: float |
     return image
 
 
-def _cover(start: float, stop: float, pixels_per_metre: float, size: int) -> tuple[slice, Floats]:
+def _cover(start: float, stop: float, pixels_per_metre: float, size: int) -> tuple[slice, Singles]:
     """The pixels of a line of `size` that a span in metres touches, and the share of each that it covers."""
     a, b = start * pixels_per_metre, stop * pixels_per_metre
     first, last = max(0, int(np.floor(a))), min(size, int(np.ceil(b)))

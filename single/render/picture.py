@@ -9,12 +9,13 @@ from functools import lru_cache
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
-from quadrig.single.arrays import Floats
+from quadrig.single.arrays import Floats, Mask, Picture, Reals, Singles
 from quadrig.single.lens import Intrinsics
 from quadrig.single.pose import Pose
 from quadrig.single.rectangle import Rectangle
-from quadrig.single.render.capture import Capture, take_picture
+from quadrig.single.render.capture import Capture, for_all_colours, take_picture
 from quadrig.single.render.marking_image import marking_image, quiet_zone
 from quadrig.single.render.room import Room, room_light
 
@@ -43,7 +44,7 @@ class Sheet:
 
     rectangle: Rectangle
     world_from_rect: Pose
-    texture: Floats | None = None
+    texture: Reals | None = None
     margin: float | None = None
     tone: float = _WHITE
     rounding: float = 0.0
@@ -65,7 +66,7 @@ class RayGrid:
     """The rays of every pixel of a camera: rays (h, w, 3) float32, unit length, nan where the lens has none."""
 
     intrinsics: Intrinsics
-    rays: Floats
+    rays: Singles
 
 
 def ray_grid(intrinsics: Intrinsics) -> RayGrid:
@@ -75,9 +76,9 @@ def ray_grid(intrinsics: Intrinsics) -> RayGrid:
     return RayGrid(intrinsics, rays.astype(np.float32))
 
 
-def backdrop(grid: RayGrid, camera_from_world: Pose, room: Room) -> Floats:
+def backdrop(grid: RayGrid, camera_from_world: Pose, room: Room) -> Singles:
     """The empty room (h, w, 3) float32, linear light: a background for all pictures of a camera that stands still."""
-    return cv2.GaussianBlur(room_light(grid.rays, camera_from_world, room), (0, 0), 0.7)
+    return np.asarray(cv2.GaussianBlur(room_light(grid.rays, camera_from_world, room), (0, 0), 0.7), np.float32)
 
 
 def render_image(
@@ -85,12 +86,12 @@ def render_image(
     camera_from_world: Pose,
     sheets: Sequence[Sheet],
     *,
-    background: Room | Floats | float = 0.4,
+    background: Room | Singles | float = 0.4,
     capture: Capture = _PLAINLY,
     samples: int = 3,
     colour: bool = True,
     rng: np.random.Generator | None = None,
-) -> Floats:
+) -> Picture:
     """The picture, uint8 (h, w, 3) blue green red, or (h, w) where colour is False.
 
     background: a Room, what `backdrop` made of it (h, w, 3) or (h, w), or one tone. capture: blur, noise, tone curve
@@ -98,38 +99,41 @@ def render_image(
     where None.
     """
     grid = camera if isinstance(camera, RayGrid) else ray_grid(camera)
-    image = _background(grid, camera_from_world, background, colour)
-    shape = image.shape[:2]
-    depth, owner = np.full(shape, np.inf, np.float32), np.full(shape, -1, np.int16)
+    light = _background(grid, camera_from_world, background, colour)
+    shape = light.shape[:2]
+    canvas = _Canvas(light, np.full(shape, np.inf, np.float32), np.full(shape, -1, np.int16))
     distances = [np.linalg.norm(camera_from_world.transform(s.world_from_rect.translation)) for s in sheets]
     for index in np.argsort(distances)[::-1]:
-        _paint(image, depth, owner, int(index), sheets[index], grid, camera_from_world, samples, capture.blur)
-    return take_picture(image, capture, rng)
+        _paint(canvas, int(index), sheets[index], grid, camera_from_world, samples, capture.blur)
+    return take_picture(canvas.light, capture, rng)
 
 
-def _background(grid: RayGrid, camera_from_world: Pose, background: Room | Floats | float, colour: bool) -> Floats:
+@dataclass(frozen=True, eq=False)
+class _Canvas:
+    """What is painted upon: light (h, w) or (h, w, 3), and of each pixel the distance (m) and the number of its
+    sheet."""
+
+    light: Singles
+    depth: Singles
+    owner: NDArray[np.int16]
+
+
+def _background(grid: RayGrid, camera_from_world: Pose, background: Room | Singles | float, colour: bool) -> Singles:
     height, width = grid.rays.shape[:2]
     if isinstance(background, Room):
         background = backdrop(grid, camera_from_world, background)
     if isinstance(background, int | float):
         return np.full((height, width, 3) if colour else (height, width), background, np.float32)
-    if colour and background.ndim == 2:
-        return cv2.cvtColor(background.astype(np.float32), cv2.COLOR_GRAY2BGR)
-    if not colour and background.ndim == 3:
-        return cv2.cvtColor(background.astype(np.float32), cv2.COLOR_BGR2GRAY)
-    return background.astype(np.float32, copy=True)
+    light = background.astype(np.float32, copy=True)
+    if colour and light.ndim == 2:
+        return np.asarray(cv2.cvtColor(light, cv2.COLOR_GRAY2BGR), np.float32)
+    if not colour and light.ndim == 3:
+        return np.asarray(cv2.cvtColor(light, cv2.COLOR_BGR2GRAY), np.float32)
+    return light
 
 
 def _paint(
-    image: Floats,
-    depth: Floats,
-    owner: Floats,
-    index: int,
-    sheet: Sheet,
-    grid: RayGrid,
-    camera_from_world: Pose,
-    samples: int,
-    blur: float,
+    canvas: _Canvas, index: int, sheet: Sheet, grid: RayGrid, camera_from_world: Pose, samples: int, blur: float
 ) -> None:
     camera_from_rects = [
         camera_from_world @ pose for pose in _instants(sheet, camera_from_world, grid.intrinsics.focal)
@@ -137,29 +141,22 @@ def _paint(
     box = _box_of_all(camera_from_rects, sheet, grid, int(np.ceil(3 * blur)))
     if box is None:
         return
-    tone = alpha = nearest = None
     # Instants of a motion lie apart like samples do: together they are as many as asked for.
     samples = max(1, -(-samples // len(camera_from_rects)))
-    for camera_from_rect in camera_from_rects:
+    tone, alpha, nearest = _cast(camera_from_rects[0], sheet, grid.rays[box], samples, blur)
+    for camera_from_rect in camera_from_rects[1:]:
         step_tone, step_alpha, step_depth = _cast(camera_from_rect, sheet, grid.rays[box], samples, blur)
-        tone = step_tone if tone is None else tone + step_tone
-        alpha = step_alpha if alpha is None else alpha + step_alpha
-        nearest = step_depth if nearest is None else np.minimum(nearest, step_depth)
-    assert tone is not None
-    assert alpha is not None
-    assert nearest is not None
+        tone, alpha, nearest = tone + step_tone, alpha + step_alpha, np.minimum(nearest, step_depth)
     tone, alpha = tone / len(camera_from_rects), alpha / len(camera_from_rects)
-    gap = nearest - depth[box]
-    on_top = (gap < -_THICKNESS) | ((gap < _THICKNESS) & (index > owner[box]))
+    depth, owner, light = canvas.depth[box], canvas.owner[box], canvas.light[box]
+    gap = nearest - depth
+    on_top = (gap < -_THICKNESS) | ((gap < _THICKNESS) & (index > owner))
     alpha = np.where(on_top, alpha, 0)
     tone = np.where(on_top, tone, 0)
     mine = alpha > 0.5
-    depth[box][mine] = nearest[mine]
-    owner[box][mine] = index
-    if image.ndim == 3:
-        image[box] = image[box] * (1 - alpha)[..., None] + tone[..., None]
-    else:
-        image[box] = image[box] * (1 - alpha) + tone
+    depth[mine] = nearest[mine]
+    owner[mine] = index
+    light[...] = light * for_all_colours(1 - alpha, light) + for_all_colours(tone, light)
 
 
 def _instants(sheet: Sheet, camera_from_world: Pose, focal: float) -> list[Pose]:
@@ -173,7 +170,7 @@ def _instants(sheet: Sheet, camera_from_world: Pose, focal: float) -> list[Pose]
     return [sheet.world_from_rect.retract(motion * ((k + 0.5) / count - 0.5)) for k in range(count)]
 
 
-def _plane_hits(camera_from_rect: Pose, rays: Floats) -> tuple[Floats, Floats, Floats, Floats]:
+def _plane_hits(camera_from_rect: Pose, rays: Singles) -> tuple[Singles, Singles, Singles, Mask]:
     """Where rays (..., 3) meet the plane: x, y (m, in the rectangle's frame), distance (m), and whether from the
     front. x and y are far away where they do not."""
     rect_from_camera = camera_from_rect.inverse()
@@ -211,8 +208,8 @@ def _box_of_all(
 
 
 def _cast(
-    camera_from_rect: Pose, sheet: Sheet, rays: Floats, samples: int, blur: float
-) -> tuple[Floats, Floats, Floats]:
+    camera_from_rect: Pose, sheet: Sheet, rays: Singles, samples: int, blur: float
+) -> tuple[Singles, Singles, Singles]:
     """Light of the sheet times its cover, its cover, and its distance, for rays (h, w, 3)."""
     x, y, distance, front = _plane_hits(camera_from_rect, rays)
     height, width = x.shape
@@ -222,7 +219,7 @@ def _cast(
     if samples > 1:
         # Within a pixel the map is straight to 1e-4 px, so the finer map is the coarse one between its points.
         size = (width * samples, height * samples)
-        map_x, map_y = cv2.resize(map_x, size), cv2.resize(map_y, size)
+        map_x, map_y = (np.asarray(cv2.resize(one, size), np.float32) for one in (map_x, map_y))
     alpha = _mean_light(texture[1], map_x, map_y, samples, blur)
     if texture[0] is texture[1]:
         return sheet.tone * alpha * np.float32(_shade(camera_from_rect)), alpha, distance
@@ -231,8 +228,8 @@ def _cast(
     return tone * np.float32(_shade(camera_from_rect)), alpha, distance
 
 
-def _mean_light(texture: Floats, map_x: Floats, map_y: Floats, samples: int, blur: float) -> Floats:
-    """Mean over each pixel's samples of a texture (uint8) in [0, 1]; nothing lies beyond the texture."""
+def _mean_light(texture: Picture, map_x: Singles, map_y: Singles, samples: int, blur: float) -> Singles:
+    """Mean over each pixel's samples of a texture in [0, 1]; nothing lies beyond the texture."""
     fine = cv2.remap(texture, map_x, map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=0)
     if blur > 0:
         # Before the pixels gather it, as in a lens: on whole pixels a small blur would not be a Gaussian.
@@ -241,7 +238,7 @@ def _mean_light(texture: Floats, map_x: Floats, map_y: Floats, samples: int, blu
     if samples > 1:
         size = (fine.shape[1] // samples, fine.shape[0] // samples)
         fine = cv2.resize(fine, size, interpolation=cv2.INTER_AREA)
-    return fine * np.float32(1 / 255)
+    return np.asarray(fine, np.float32) * np.float32(1 / 255)
 
 
 def _shade(camera_from_rect: Pose) -> float:
@@ -249,7 +246,7 @@ def _shade(camera_from_rect: Pose) -> float:
     return 0.72 + 0.28 * abs(float(camera_from_rect.rotation[2, 2]))
 
 
-def _wanted_density(x: Floats, y: Floats, sheet: Sheet, samples: int) -> float:
+def _wanted_density(x: Singles, y: Singles, sheet: Sheet, samples: int) -> float:
     """Texels per metre that give about one texel a ray where the sheet is nearest to the camera."""
     inside = (np.abs(x) < sheet.size[0] / 2) & (np.abs(y) < sheet.size[1] / 2)
     step = np.hypot(np.diff(x, axis=1)[:-1], np.diff(y, axis=1)[:-1])[inside[:-1, :-1]]
@@ -259,35 +256,35 @@ def _wanted_density(x: Floats, y: Floats, sheet: Sheet, samples: int) -> float:
     return float(2 ** (np.ceil(4 * np.log2(wanted)) / 4))
 
 
-def _texture(sheet: Sheet, density: float) -> tuple[tuple[Floats, Floats], tuple[float, float]]:
-    """Two (h, w) uint8 in a border of one empty texel: share of paper, and cover; and texels per metre.
+def _texture(sheet: Sheet, density: float) -> tuple[tuple[Picture, Picture], tuple[float, float]]:
+    """Two (h, w) in a border of one empty texel: share of paper, and cover; and texels per metre.
 
     The two are one and the same array where nothing is printed.
     """
     radius = sheet.rounding / max(sheet.size)
-    drawn = sheet.texture is None
-    both = _drawn(sheet.rectangle, density, sheet.border, radius) if drawn else _bordered(sheet.texture, radius)
+    if sheet.texture is None:
+        both = _drawn(sheet.rectangle, density, sheet.border, radius)
+    else:
+        both = _bordered(sheet.texture, radius)
     height, width = both[0].shape
     return both, ((width - 2) / sheet.size[0], (height - 2) / sheet.size[1])
 
 
 @lru_cache(maxsize=64)
-def _drawn(rectangle: Rectangle, density: float, margin: float, radius: float) -> tuple[Floats, Floats]:
+def _drawn(rectangle: Rectangle, density: float, margin: float, radius: float) -> tuple[Picture, Picture]:
     return _bordered(marking_image(rectangle, density, margin), radius)
 
 
-def _bordered(picture: Floats, radius: float) -> tuple[Floats, Floats]:
+def _bordered(picture: Reals, radius: float) -> tuple[Picture, Picture]:
     cover = np.full(picture.shape, 255, np.uint8)
     if radius > 0:
         _round_off(cover, radius * max(cover.shape))
     levels = np.rint(cover * np.asarray(picture, np.float32)).astype(np.uint8)
-    cover = cv2.copyMakeBorder(cover, 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=0)
-    if np.all(picture == 1):
-        return cover, cover
-    return cv2.copyMakeBorder(levels, 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=0), cover
+    cover = np.pad(cover, 1)
+    return (cover, cover) if np.all(picture == 1) else (np.pad(levels, 1), cover)
 
 
-def _round_off(cover: Floats, radius: float) -> None:
+def _round_off(cover: Picture, radius: float) -> None:
     """Take away from a sheet's cover, texels, what lies beyond its rounded corners."""
     beyond = np.clip(radius - np.arange(int(radius) + 1) - 0.5, 0, None)
     rounded = 255 * np.clip(radius - np.hypot(beyond[:, None], beyond[None]) + 0.5, 0, 1)

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from quadrig.single.arrays import Floats
+from quadrig.single.arrays import Ints, Mask, Reals, Singles
 from quadrig.single.pose import Pose
 
 # Linear reflectances, blue green red.
@@ -26,7 +26,7 @@ class Room:
     world_from_room: Pose = field(default_factory=Pose.identity)
 
 
-def room_light(rays: Floats, camera_from_world: Pose, room: Room) -> Floats:
+def room_light(rays: Singles, camera_from_world: Pose, room: Room) -> Singles:
     """What each ray (h, w, 3) of the camera frame meets: linear light (h, w, 3), blue green red, about 0 to 1.
 
     Rays that are nan stay dark. A camera outside the room sees one that has grown to hold it.
@@ -46,7 +46,7 @@ def room_light(rays: Floats, camera_from_world: Pose, room: Room) -> Floats:
     return np.nan_to_num(light).astype(np.float32)
 
 
-def _surface(hit: Floats, axis: Floats, up: Floats) -> Floats:
+def _surface(hit: Reals, axis: Ints, up: Mask) -> Reals:
     x, y, z = hit[..., 0], hit[..., 1], hit[..., 2]
     colour = np.where((axis == 0)[..., None], _PAINT, _ACCENT)
     skirting = 1 / (1 + np.exp(np.clip((z - 0.09) * 300, -40, 40)))
@@ -56,7 +56,7 @@ def _surface(hit: Floats, axis: Floats, up: Floats) -> Floats:
     return np.where(((axis == 2) & up)[..., None], _CEILING, colour)
 
 
-def _board_grain(x: Floats, y: Floats) -> Floats:
+def _board_grain(x: Reals, y: Reals) -> Reals:
     """Floor boards 0.14 m wide: each of its own shade, with a soft grain along it and a soft joint beside it."""
     across = x / 0.14
     board = np.floor(across)
@@ -66,7 +66,7 @@ def _board_grain(x: Floats, y: Floats) -> Floats:
     return (1 + shade + grain) * (1 - 0.35 * joint)
 
 
-def _illumination(hit: Floats, low: Floats, high: Floats) -> Floats:
+def _illumination(hit: Reals, low: Reals, high: Reals) -> Reals:
     """A window's light from one side, and the dusk of the edges where two faces meet."""
     share = np.clip((hit - low) / (high - low), 0, 1)
     window = 1.05 + 0.35 * np.exp(-((share[..., 0] - 0.25) ** 2 + (share[..., 1] - 0.35) ** 2) / 0.18)
