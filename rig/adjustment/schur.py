@@ -83,7 +83,7 @@ def solve_cameras(reduced: Reduced) -> Floats:
 
 def solve_for(reduced: Reduced, right: Floats) -> Floats:
     """The reduced system solved for right-hand sides (C M,) or (C M, R)."""
-    band = _band(reduced)
+    band = band_order(reduced)
     return _solve_dense(reduced, right) if band is None else _solve_banded(reduced, right, *band)
 
 
@@ -138,7 +138,7 @@ def _solve_dense(reduced: Reduced, right: Floats) -> Floats:
     return solution * (scale if right.ndim == 1 else scale[:, None])
 
 
-def _band(reduced: Reduced) -> tuple[Ints, int] | None:
+def band_order(reduced: Reduced) -> tuple[Ints, int] | None:
     """An order of cameras that keeps who meets whom near the diagonal, and its width; None where dense is as good."""
     cameras, size = reduced.free.shape
     if cameras * size < _SMALL_SYSTEM:

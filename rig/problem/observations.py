@@ -8,6 +8,8 @@ import numpy as np
 from quadrig.single.arrays import Floats, Ints, Mask
 from quadrig.single.lens import LensModel
 
+_MODELS: tuple[LensModel, ...] = ("pinhole", "fisheye")
+
 
 @dataclass(frozen=True, eq=False)
 class ObservationGroup:
@@ -115,15 +117,23 @@ def pack(
     nodes: int,
 ) -> Observations:
     """Lay Views out in groups of like size. One entry a View, but `models`: one a camera."""
-    sizes = np.array([len(p) for p in pixels])
+    sizes = np.array([len(p) for p in pixels], int)
     padded = 4 * np.ceil(sizes / 4).astype(int) if len(sizes) and sizes.max() <= 16 else _padded_sizes(sizes)
+    every_point = np.concatenate([np.zeros((0, 3)), *points])
+    every_pixel = np.concatenate([np.zeros((0, 2)), *pixels])
+    starts = np.cumsum(sizes) - sizes
     is_fisheye = np.array([models[c] == "fisheye" for c in camera], bool)
     groups = []
-    for model in ("pinhole", "fisheye"):
+    for model in _MODELS:
         of_model = is_fisheye == (model == "fisheye")
         for size in np.unique(padded[of_model]):
             view = np.flatnonzero(of_model & (padded == size))
-            groups.append(_group(view, int(size), points, pixels, sigma, share, sizes, camera, node, model))
+            real = np.arange(size) < sizes[view][:, None]
+            # Padding repeats the first point: a place that surely projects; its weight of zero takes it out.
+            place = starts[view][:, None] + np.arange(size) * real
+            weights = np.where(real, (share[view] / sigma[view] ** 2)[:, None], 0.0)
+            located = every_point[place], every_pixel[place], weights
+            groups.append(ObservationGroup(view, camera[view], node[view], *located, share[view], model))
     return Observations(tuple(groups), np.asarray(camera), np.asarray(node), len(models), nodes)
 
 
@@ -131,27 +141,3 @@ def _padded_sizes(sizes: Ints) -> Ints:
     """Each size up to the next of 4, 8, 16, 32, ... but never past the largest, so that full boards waste nothing."""
     powers = 4 * 2 ** np.ceil(np.log2(np.maximum(sizes, 4) / 4)).astype(int)
     return np.minimum(powers, sizes.max())
-
-
-def _group(
-    view: Ints,
-    size: int,
-    points: Sequence[Floats],
-    pixels: Sequence[Floats],
-    sigma: Floats,
-    share: Floats,
-    sizes: Ints,
-    camera: Ints,
-    node: Ints,
-    model: LensModel,
-) -> ObservationGroup:
-    own = sizes[view][:, None]
-    # Padding repeats the first point: a place that surely projects; its weight of zero takes it out.
-    place = np.arange(size) * (np.arange(size) < own)
-    place += (np.cumsum(own) - own.ravel())[:, None]
-    weights = np.where(np.arange(size) < own, (share[view] / sigma[view] ** 2)[:, None], 0.0)
-    every_point = np.concatenate([points[index] for index in view])
-    every_pixel = np.concatenate([pixels[index] for index in view])
-    return ObservationGroup(
-        view, camera[view], node[view], every_point[place], every_pixel[place], weights, share[view], model
-    )

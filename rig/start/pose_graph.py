@@ -65,7 +65,7 @@ def relative_poses(problem: Problem, candidates: Candidates) -> list[Relative]:
     node, camera = problem.node[candidates.view], problem.camera[candidates.view]
     sigma_rotation, sigma_translation = _sigmas(candidates)
     distance = np.linalg.norm(candidates.camera_from_node.translation, axis=-1)
-    by_camera = _rows_of_first_view(candidates, node, camera, sigma_rotation, len(problem.nodes))
+    by_camera = _rows_of_first_view(candidates, node, camera, sigma_rotation)
     relatives = []
     for (left, right), nodes in _sharing(by_camera).items():
         rows = [(i, j) for n in nodes for i in by_camera[left][n] for j in by_camera[right][n]]
@@ -82,7 +82,7 @@ def relative_poses(problem: Problem, candidates: Candidates) -> list[Relative]:
 
 
 def _rows_of_first_view(
-    candidates: Candidates, node: Ints, camera: Ints, sigma: Floats, nodes: int
+    candidates: Candidates, node: Ints, camera: Ints, sigma: Floats
 ) -> dict[int, dict[int, list[int]]]:
     """For each camera and node the candidates of its most certain View; other Views of a still pair repeat it."""
     best: dict[tuple[int, int], tuple[float, int]] = {}

@@ -49,7 +49,7 @@ def test_the_moved_one_is_found_within_its_doubt(nudged):
     assert np.linalg.norm(was[3:]) > 0.03
 
 
-def test_a_camera_that_is_not_there_cannot_be_solved_anew(nudged, board_rig):
+def test_a_camera_that_is_not_there_cannot_be_solved_anew(nudged):
     rig, made, _ = nudged
     with pytest.raises(QuadrigError, match="cam9"):
         recalibrate(rig, ["cam9"], made.inputs, made.rectangles, made.views)

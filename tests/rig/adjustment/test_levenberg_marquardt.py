@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from quadrig.rig.adjustment import schur as elimination
 from quadrig.rig.adjustment.levenberg_marquardt import FreeParameters, adjust, undamped
 from quadrig.rig.adjustment.normal_equations import State, layout, linearise, normal_equations
 from quadrig.rig.adjustment.schur import (
+    band_order,
     dense_matrix,
     eliminate,
     node_steps,
@@ -161,7 +161,7 @@ def test_a_band_solves_as_the_dense_matrix_does(simulated):
     free = np.ones((40, 11), bool)
     free[5, 5:] = False
     reduced = eliminate(normal, tables, free, np.ones(observations.nodes, bool), damping=1e-3)
-    assert elimination._band(reduced) is not None
+    assert band_order(reduced) is not None
     matrix = dense_matrix(reduced)
     right = np.where(free, reduced.gradient, 0).ravel()
     dense = np.linalg.solve(matrix, right)

@@ -108,7 +108,7 @@ def slopes(function, columns):
 def camera(request):
     """A camera of which everything is free, two metres before the origin, not straight."""
     lens = Intrinsics(1280, 720, 900.0, np.array([630.0, 355.0]), np.array([-0.1, 0.02, 1e-3, -5e-4, 1e-3]))
-    pose = Pose.from_vectors([0.2, -0.3, 0.1], [0.4, 0.2, -2.0])
+    pose = Pose.from_vectors(np.array([0.2, -0.3, 0.1]), np.array([0.4, 0.2, -2.0]))
     return Camera("cam", replace(lens, model=request.param), pose, LENS_PARAMETERS)
 
 
@@ -135,7 +135,7 @@ def test_what_is_fixed_has_no_derivative(camera):
 
 def test_rectangle_derivatives_are_those_of_the_projection(camera):
     points = rectangle_corners(0.3, 0.2)
-    pose = Pose.from_vectors([[0.3, 0.5, 0.2], [-0.2, 0.1, 1.0]], [[0.1, 0, 0.2], [0, 0.2, -0.1]])
+    pose = Pose.from_vectors(np.array([[0.3, 0.5, 0.2], [-0.2, 0.1, 1.0]]), np.array([[0.1, 0, 0.2], [0, 0.2, -0.1]]))
 
     def pixels(step):
         in_rig = pose.retract(step)[:, None].transform(points)

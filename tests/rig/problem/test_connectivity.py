@@ -43,14 +43,14 @@ def test_the_camera_that_comes_nearest_is_the_one_named(board_rig):
     views = [v for v in apart(made, "cam1") if v.rectangle == "sheet"]
     last = max(v.frameset for v in views if v.camera != "cam1")
     views = [v for v in views if v.camera == "cam1" or v.frameset != last]
-    nearest = View("sheet", *points_and_pixels(made, views, "cam2"), "cam2", 495)
+    nearest = View("sheet", *points_and_pixels(views, "cam2"), "cam2", 495)
     first = min(v.frameset for v in views if v.camera == "cam1")
     found = calibrate(made.inputs, made.rectangles, [*views, nearest])
     assert "cam2" in found.missing["cam1"]
     assert f"{first - 495} framesets apart" in found.missing["cam1"]
 
 
-def points_and_pixels(made, views, camera):
+def points_and_pixels(views, camera):
     view = next(v for v in views if v.camera == camera)
     return view.points, view.pixels
 
