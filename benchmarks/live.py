@@ -26,8 +26,10 @@ from rich.table import Table
 from quadrig.io.config.rig_toml import RigConfig
 from quadrig.io.demo.rendered_recording import picture
 from quadrig.io.demo.scene import HEIGHT, WIDTH, Scene, demo_scene
-from quadrig.io.live.session import Screen, SetupPlan, SetupSession
-from quadrig.io.live.source_readers import parse_source
+from quadrig.io.live.capture.source_spec import parse_source
+from quadrig.io.live.display import Screen
+from quadrig.io.live.plan import SetupPlan
+from quadrig.io.live.session import run_setup
 from quadrig.io.live.state import SetupState
 from quadrig.io.live.terminal import PlainScreen
 from quadrig.io.viewer.live import RerunScreen
@@ -140,7 +142,7 @@ def measured(name: str, scene: Scene, videos: Sequence[Path], seconds: float) ->
     threading.Timer(seconds + WARM_UP, ending.set).start()
     with tempfile.TemporaryDirectory() as folder:
         plan = SetupPlan(config, {path.stem: parse_source(str(path)) for path in videos}, Path(folder) / "r.mcap")
-        SetupSession(plan, screens, lambda: "the time is up" if ending.is_set() else "").run()
+        run_setup(plan, screens, lambda: "the time is up" if ending.is_set() else "")
     for screen in screens:
         screen.close()
     if viewer is not None:

@@ -11,9 +11,11 @@ from typing import Annotated
 import typer
 
 from quadrig.io.config.rig_toml import RigConfig, read_config
-from quadrig.io.live.session import Screen, SetupPlan, SetupResult, SetupSession
-from quadrig.io.live.source_readers import SourceSpec, parse_source
-from quadrig.io.live.sources import Pace
+from quadrig.io.live.capture.source import Pace
+from quadrig.io.live.capture.source_spec import SourceSpec, parse_source
+from quadrig.io.live.display import Screen
+from quadrig.io.live.plan import SetupPlan, SetupResult
+from quadrig.io.live.session import run_setup
 from quadrig.io.rig_file.rig_mcap import write_rig
 from quadrig.rig.coach.advice import good_for
 from quadrig.rig.words import millimetres
@@ -144,9 +146,8 @@ def _part(path: Path) -> int:
 
 def _run(plan: SetupPlan, web: bool, no_viewer: bool, save: Path | None) -> SetupResult:
     screens, viewer = _screens(plan, web, no_viewer, save)
-    session = SetupSession(plan, screens, _enter_pressed())
     try:
-        return session.run()
+        return run_setup(plan, screens, _enter_pressed())
     finally:
         for screen in screens:
             screen.close()

@@ -6,10 +6,10 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
-from quadrig.io.live.frame import Picture
 from quadrig.io.live.search import Search, tag_families
 from quadrig.rig.coach.capture_faults import unreadable_fault, wrong_board_fault
 from quadrig.rig.coach.fault import Fault
+from quadrig.single.arrays import Picture
 from quadrig.single.detect.tag import find_tags
 from quadrig.single.rectangle import Rectangle
 

@@ -1,7 +1,7 @@
 """The Views a live session kept, written into its recording as they are kept and read back by --resume."""
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import msgspec
@@ -22,6 +22,30 @@ class _KeptFrameset(msgspec.Struct):
 def encode_views(frameset: int, views: Sequence[View], sizes: dict[str, tuple[int, int]]) -> bytes:
     """The JSON of one kept frameset. sizes: width and height, px, of each camera's pictures."""
     return msgspec.json.encode(_KeptFrameset(frameset, sizes, [view_record(view) for view in views]))
+
+
+@dataclass(frozen=True, eq=False)
+class EarlierViews:
+    """What earlier sessions kept. sizes: width and height, px, of each camera's pictures."""
+
+    views: tuple[View, ...]
+    sizes: dict[str, tuple[int, int]]
+
+    @property
+    def framesets(self) -> int:
+        """The first index of a frameset that none of the Views has."""
+        return max((view.frameset for view in self.views), default=-1) + 1
+
+
+def read_earlier_views(paths: Sequence[Path], cameras: Sequence[str]) -> EarlierViews:
+    """What the sessions of these recordings kept of these cameras."""
+    views: list[View] = []
+    sizes: dict[str, tuple[int, int]] = {}
+    for path in paths:
+        kept, kept_sizes = read_kept_views(path)
+        views += [view for view in kept if view.camera in cameras]
+        sizes.update({name: size for name, size in kept_sizes.items() if name in cameras})
+    return EarlierViews(tuple(views), sizes)
 
 
 def read_kept_views(path: Path) -> tuple[list[View], dict[str, tuple[int, int]]]:

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from quadrig.io.live.frame import Frame
+from quadrig.io.live.capture.frame import Frame
 from quadrig.io.live.kept_views import KEPT_SCHEMA, KEPT_TOPIC
 from quadrig.single.errors import QuadrigError
 

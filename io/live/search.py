@@ -12,8 +12,8 @@ from dataclasses import dataclass, field, replace
 import cv2
 import numpy as np
 
-from quadrig.io.live.frame import Frame, Picture
-from quadrig.single.arrays import Floats
+from quadrig.io.live.capture.frame import Frame
+from quadrig.single.arrays import Floats, Picture
 from quadrig.single.detect.charuco import detect_charuco
 from quadrig.single.detect.dictionaries import canonical_dictionary
 from quadrig.single.detect.image_search import check_rectangles, detect_views

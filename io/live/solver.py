@@ -30,7 +30,7 @@ _RUN = 3
 
 
 @dataclass(frozen=True, eq=False)
-class Job:
+class SolveRequest:
     """What is to be solved and advised on."""
 
     cameras: tuple[CameraInput, ...]
@@ -43,7 +43,7 @@ class Job:
 
 
 @dataclass(frozen=True, eq=False)
-class Solution:
+class LiveSolution:
     """The rig as far as it can be known, what to do next, what is wrong; trouble: why there is no rig yet."""
 
     rig: Rig | None
@@ -53,27 +53,27 @@ class Solution:
     framesets: int = 0
 
 
-def solve(job: Job) -> Solution:
+def solve(request: SolveRequest) -> LiveSolution:
     """The rig of the Views so far and the advice for the next one."""
     rig, trouble = None, ""
     try:
-        rig = calibrate(job.cameras, job.rectangles, job.views, job.reference)
+        rig = calibrate(request.cameras, request.rectangles, request.views, request.reference)
     except QuadrigError as error:
         trouble = str(error)
     except np.linalg.LinAlgError:
         # The first few Views may leave a system that cannot be solved; the next ones mend it.
         trouble = "what was seen so far does not fix the rig; show the sheet in more places, tilted"
     situation = Situation(
-        tuple(camera.name for camera in job.cameras),
-        job.rectangles,
-        job.views,
+        tuple(camera.name for camera in request.cameras),
+        request.rectangles,
+        request.views,
         rig,
-        job.target,
-        job.refused,
-        job.refused_pairs,
+        request.target,
+        request.refused,
+        request.refused_pairs,
     )
     fault = scale_fault(rig) if rig is not None else None
-    return Solution(rig, advise(situation), fault, trouble, len({view.frameset for view in job.views}))
+    return LiveSolution(rig, advise(situation), fault, trouble, len({view.frameset for view in request.views}))
 
 
 def thinned(views: Sequence[View], most: int = _LIVE_FRAMESETS) -> tuple[View, ...]:
@@ -113,7 +113,7 @@ class LiveSolver:
         # A fresh process: capture threads and video decoders do not survive a fork.
         context = multiprocessing.get_context("spawn")
         self._pool = ProcessPoolExecutor(1, mp_context=context, initializer=_stand_back)
-        self._running: Future[Solution] | None = None
+        self._running: Future[LiveSolution] | None = None
         # Matrices of some tens of rows gain nothing from more threads, and the search would lose its own.
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
         self._pool.submit(_warm_up)
@@ -123,11 +123,11 @@ class LiveSolver:
         """Whether a job would be begun at once."""
         return self._running is None
 
-    def begin(self, job: Job) -> None:
-        """Begin a job."""
-        self._running = self._pool.submit(solve, job)
+    def begin(self, request: SolveRequest) -> None:
+        """Begin a solution; `idle` must be true."""
+        self._running = self._pool.submit(solve, request)
 
-    def take(self, wait: bool = False) -> Solution | None:
+    def take(self, wait: bool = False) -> LiveSolution | None:
         """The solution of the job that was begun, once it is there; where `wait`, when it is there."""
         if self._running is None or not (wait or self._running.done()):
             return None

@@ -2,8 +2,8 @@
 
 from dataclasses import dataclass, field
 
-from quadrig.io.live.frame import Frame
-from quadrig.io.live.sources import SourceState
+from quadrig.io.live.capture.frame import Frame
+from quadrig.io.live.capture.source import SourceState
 from quadrig.rig.coach.advice import Advice
 from quadrig.rig.result import Rig
 from quadrig.single.view import View

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 
 from quadrig.io.drawing.palette import Colour
-from quadrig.io.live.frame import Picture
+from quadrig.single.arrays import Picture
 
 WIDTH, HEIGHT = 1800, 180
 _GROUND, _FAINT = (13, 13, 13), (150, 150, 150)

@@ -14,7 +14,7 @@ import numpy as np
 
 from quadrig.io.drawing.geometry import RING, ellipsoid, extent, outlines
 from quadrig.io.drawing.palette import camera_colours
-from quadrig.io.live.frame import Frame
+from quadrig.io.live.capture.frame import Frame
 from quadrig.io.live.state import SetupState
 from quadrig.io.viewer.banner import banner
 from quadrig.io.viewer.process import Viewer

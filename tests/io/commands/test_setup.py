@@ -18,13 +18,14 @@ import pytest
 from quadrig.io.commands.main import run
 from quadrig.io.commands.setup import chosen_sources, length
 from quadrig.io.config.rig_toml import parse_config
-from quadrig.io.live.frame import Frame
+from quadrig.io.live.capture.frame import Frame
+from quadrig.io.live.capture.source_spec import parse_source
 from quadrig.io.live.kept_views import encode_views, read_kept_views
+from quadrig.io.live.plan import SetupPlan
 from quadrig.io.live.recorder import LiveRecorder
 from quadrig.io.live.search import LiveSearch
-from quadrig.io.live.session import SetupPlan, SetupSession
+from quadrig.io.live.session import run_setup
 from quadrig.io.live.solver import thinned
-from quadrig.io.live.source_readers import parse_source
 from quadrig.io.live.state import SetupState
 from quadrig.io.recording.recorded_cameras import open_recording
 from quadrig.io.rig_file.rig_mcap import read_rig
@@ -242,9 +243,7 @@ def said_of(tmp_path, pictures: Sequence[Sequence[np.ndarray]], config: str = CO
             cv2.imwrite(str(folder / f"{moment:03}.png"), grey)
         sources[folder.name] = parse_source(str(folder))
     screen = Heard()
-    result = SetupSession(
-        SetupPlan(parse_config(config), sources, tmp_path / "r.mcap", pace="consumed"), [screen], str
-    ).run()
+    result = run_setup(SetupPlan(parse_config(config), sources, tmp_path / "r.mcap", pace="consumed"), [screen], str)
     return [*screen.sentences, *([result.fault.sentence] if result.fault else [])]
 
 
@@ -383,7 +382,7 @@ def test_a_camera_that_takes_its_pictures_later_than_their_stamps_is_found(tmp_p
         writer.release()
         sources[path.stem] = parse_source(str(path))
     plan = SetupPlan(parse_config(BOARD_CONFIG), sources, tmp_path / "r.mcap", pace="consumed")
-    rig = SetupSession(plan, [], str).run().rig
+    rig = run_setup(plan, [], str).rig
     assert rig is not None
     offsets = np.array([camera.clock_offset for camera in rig.cameras])
     # The board moves by 5 um in half a ms: less than the calibration knows of where it is.

@@ -16,10 +16,11 @@ import cv2
 import numpy as np
 import pytest
 
-from quadrig.io.live.frame import Frame
+from quadrig.io.live.capture.frame import Frame
+from quadrig.io.live.capture.framesets import LiveFramesets
+from quadrig.io.live.capture.source import Pace, Source
+from quadrig.io.live.capture.source_spec import parse_source
 from quadrig.io.live.recorder import LiveRecorder
-from quadrig.io.live.source_readers import parse_source
-from quadrig.io.live.sources import LiveFramesets, Pace, Source
 from quadrig.single.errors import QuadrigError
 
 WIDTH, HEIGHT = 320, 180
@@ -320,7 +321,7 @@ WRITES_UNTIL_KILLED = """
 import sys, time
 from pathlib import Path
 import numpy as np
-from quadrig.io.live.frame import Frame
+from quadrig.io.live.capture.frame import Frame
 from quadrig.io.live.recorder import LiveRecorder
 recorder = LiveRecorder(Path(sys.argv[1]))
 noise = np.random.default_rng(0).integers(0, 255, 60_000, np.uint8).tobytes()

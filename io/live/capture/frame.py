@@ -5,11 +5,9 @@ from functools import cached_property
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from quadrig.single.arrays import Picture
 from quadrig.single.errors import QuadrigError
-
-Picture = NDArray[np.uint8]
 
 # Corners of a picture written at 95 lie within 0.02 px of the raw one's; at 80 they are three times as far.
 _JPEG_QUALITY = 95
