@@ -18,16 +18,16 @@ def test_the_rig_toml_is_read() -> None:
 
 
 def test_the_commands_exist() -> None:
-    for block in re.findall(r"```(?:sh|console)\n(.*?)```", README, re.S):
-        for name in re.findall(r"^\s*rig (\w+)", block, re.M):
-            assert name in COMMANDS
+    blocks = re.findall(r"```(?:sh|console)\n(.*?)```", README, re.S)
+    called = {name for block in blocks for name in re.findall(r"^\s*rig (\w+)", block, re.M)}
+    assert called
+    assert called <= set(COMMANDS)
 
 
 def test_what_is_linked_exists() -> None:
-    for target in re.findall(r"\]\((?!http)([^)]+)\)", README):
-        assert (ROOT / target).exists(), target
-    for path in re.findall(r"`(examples/[^`]+)`", README):
-        assert (ROOT / path).exists(), path
+    linked = {*re.findall(r"\]\((?!http)([^)]+)\)", README), *re.findall(r"`(examples/[^`]+)`", README)}
+    assert linked
+    assert [target for target in linked if not (ROOT / target).exists()] == []
 
 
 def test_the_quick_start_has_two_blocks() -> None:

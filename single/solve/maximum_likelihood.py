@@ -55,9 +55,11 @@ class Solution:
         """The 95 % interval (...) of the focal, px: symmetric in 1/f, in which a weak view is nearly linear, so that
         it may reach infinity."""
         inverse = 1 / self.focal
-        spread = NORMAL_95 * self.focal_sigma * inverse**2
+        # Corners of an exactly frontal sheet leave no sigma at all: any focal shows them.
+        sigma = np.where(np.isnan(self.focal_sigma) & np.isfinite(self.focal), np.inf, self.focal_sigma)
+        spread = NORMAL_95 * sigma * inverse**2
         with np.errstate(divide="ignore"):
-            return 1 / (inverse + spread), np.where(inverse > spread, 1 / np.maximum(inverse - spread, 0), np.inf)
+            return 1 / (inverse + spread), 1 / np.maximum(inverse - spread, 0)
 
     @property
     def pose_covariance(self) -> Floats:

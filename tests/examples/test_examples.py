@@ -20,7 +20,9 @@ def assert_within_sigmas(line: str) -> None:
 
 
 def test_one_picture() -> None:
-    for line in run("02_one_picture.py").splitlines():
+    lines = run("02_one_picture.py").splitlines()
+    assert lines
+    for line in lines:
         assert_within_sigmas(line)
 
 
@@ -42,5 +44,6 @@ def test_has_it_moved(shared_data: Path) -> None:
 def test_committed_configs_are_read() -> None:
     from quadrig.io.config.rig_toml import read_config
 
-    for path in EXAMPLES.glob("*.toml"):
-        assert read_config(path).rectangles
+    configs = list(EXAMPLES.glob("*.toml"))
+    assert configs
+    assert all(read_config(path).rectangles for path in configs)
