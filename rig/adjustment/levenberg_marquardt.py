@@ -21,6 +21,7 @@ from quadrig.rig.adjustment.schur import Reduced, eliminate, node_steps, solve_c
 from quadrig.rig.adjustment.slack import EliminatedSlack, SlackPrior, eliminate_slack, slack_steps
 from quadrig.rig.problem.observations import Observations
 from quadrig.single.arrays import Floats, Ints, Mask
+from quadrig.single.solve.damping import MOST_DAMPING, UNSOLVABLE, Damping, gain
 
 # A step that is expected to lower chi-square by less than this moves every parameter by less than a thousandth
 # of its own sigma: nothing that a result prints can change.
@@ -31,8 +32,6 @@ _CLOCK_INFORMATION = 1.0
 # neglect of residuals keeps it from getting much smaller than this (0.004 seen).
 _SLOWEST = 0.01
 _FIRST_DAMPING = 1e-5
-# Past this damping a step is shorter than rounding; the state is at a minimum, or cannot be left.
-_LAST_DAMPING = 1e8
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,7 +99,7 @@ def adjust(
     if free.slack is not None and state.slack is None:
         state = replace(state, slack=np.zeros((len(observations.camera), 6)))
     here = _expand(problem, state)
-    costs, damping = [here.cost], _FIRST_DAMPING
+    costs, damping = [here.cost], Damping.of(_FIRST_DAMPING)
     last = 0.0
     while len(costs) <= most_steps:
         found = _better(problem, here, damping)
@@ -184,28 +183,28 @@ def _expand(problem: _Adjusted, state: State, known: tuple[Linearised, float] | 
     return _Expansion(state, cost, linearised, with_prior(normal, state, problem.free, problem.columns), eliminated)
 
 
-def _better(problem: _Adjusted, here: _Expansion, damping: float) -> tuple[_Expansion, float, float] | None:
+def _better(problem: _Adjusted, here: _Expansion, damping: Damping) -> tuple[_Expansion, float, Damping] | None:
     """The next state of lower cost, the fall that was expected, and the next damping; None at a minimum."""
     free, normal = problem.free, here.normal
-    unknowns, first = free.unknowns(problem.columns, here.state), damping
-    while damping < _LAST_DAMPING:
+    unknowns = free.unknowns(problem.columns, here.state)
+    while damping.value < MOST_DAMPING:
         try:
-            reduced = eliminate(normal, problem.tables, unknowns, free.node, damping)
+            reduced = eliminate(normal, problem.tables, unknowns, free.node, float(damping.value))
             steps = solve_cameras(reduced)
         except np.linalg.LinAlgError:
-            damping *= 100
+            damping = damping.after(UNSOLVABLE)
             continue
         poses = node_steps(normal, problem.tables, reduced, steps)
         expected = float((steps * normal.camera_gradient * unknowns).sum() + (poses * normal.node_gradient).sum())
         trial = _stepped(problem.observations, problem.columns, here.state, here.eliminated, steps, poses)
         found = _linearised(problem, trial)
-        # At the very minimum rounding decides whether the cost still falls: equal to its last digits is as good.
-        if found[1] <= here.cost * (1 + 1e-14):
-            # What was just too little damping would be so again.
-            return _expand(problem, trial, found), expected, damping / 10 if damping == first else damping
+        gained = gain(here.cost, found[1], expected)
+        damping = damping.after(gained)
+        if gained > 0:
+            return _expand(problem, trial, found), expected, damping
+        # At the very minimum rounding decides whether the cost still falls.
         if expected < CONVERGED:
             return None
-        damping = max(damping, 1e-6) * 10
     return None
 
 

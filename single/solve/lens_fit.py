@@ -10,13 +10,12 @@ from quadrig.single.errors import QuadrigError
 from quadrig.single.lens import LENS_PARAMETERS, Intrinsics, project_with_derivatives
 from quadrig.single.pose import Pose
 from quadrig.single.rotation import cross_matrix
+from quadrig.single.solve.damping import MOST_DAMPING, Damping, gain
 
 _MOST_STEPS = 100
 # A step that promises less than this (in units of sigma^2) moves the answer by a ten-thousandth of its own sigma.
 _CONVERGED = 1e-8
-_FIRST_DAMPING, _LEAST_DAMPING, _MOST_DAMPING = 1e-4, 1e-9, 1e12
-# Shares of the promised decrease that a step must keep: see pinhole_fit.py.
-_POOR_GAIN, _GOOD_GAIN = 0.3, 0.7
+_FIRST_DAMPING = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,31 +155,28 @@ def _blocks(problem: _Problem, lens_rows: Floats, pose_rows: Floats) -> tuple[Fl
 
 def _search(problem: _Problem, lens: Floats, poses: Pose) -> tuple[Floats, Pose, float, bool]:
     residuals, lens_rows, pose_rows = _linearised(problem, lens, poses)
-    chi2, damping = _chi2(problem, lens, residuals), _FIRST_DAMPING
+    chi2, damping = _chi2(problem, lens, residuals), Damping.of(_FIRST_DAMPING)
     for _ in range(_MOST_STEPS):
         own, mixed, pose_blocks = _blocks(problem, lens_rows, pose_rows)
         flat = residuals.reshape(len(residuals), -1, 1)
         pull = problem.prior_weight * (problem.prior_mean - lens)
         lens_gradient = np.einsum("vpci,vpc->i", lens_rows, residuals) + pull[problem.free]
         pose_gradient = (np.swapaxes(pose_rows.reshape(*flat.shape[:2], 6), -1, -2) @ flat)[..., 0]
-        lens_step, pose_step = _step(own, mixed, pose_blocks, lens_gradient, pose_gradient, damping)
+        lens_step, pose_step = _step(own, mixed, pose_blocks, lens_gradient, pose_gradient, float(damping.value))
         promised = float(lens_gradient @ lens_step + (pose_gradient * pose_step).sum())
         new_lens = lens.copy()
         new_lens[problem.free] += lens_step
         new_poses = poses.retract(pose_step)
         candidate = _linearised(problem, new_lens, new_poses)
         new_chi2 = _chi2(problem, new_lens, candidate[0])
-        gain = (chi2 - new_chi2) / promised if promised > 0 else -1.0
-        if gain > 0 and new_lens[0] > 0:
+        gained = gain(chi2, new_chi2, promised)
+        if gained > 0 and new_lens[0] > 0:
             lens, poses, chi2 = new_lens, new_poses, new_chi2
             residuals, lens_rows, pose_rows = candidate
         if 0 <= promised < _CONVERGED:
             return lens, poses, chi2, True
-        if gain > _GOOD_GAIN:
-            damping = max(damping * 0.1, _LEAST_DAMPING)
-        elif not gain > _POOR_GAIN:
-            damping *= 10
-        if damping > _MOST_DAMPING or not np.isfinite(chi2):
+        damping = damping.after(gained)
+        if damping.value > MOST_DAMPING or not np.isfinite(chi2):
             break
     return lens, poses, chi2, False
 

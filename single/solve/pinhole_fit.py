@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from quadrig.single.arrays import Floats
 from quadrig.single.pose import Pose
 from quadrig.single.solve import batched_cholesky as triangular
+from quadrig.single.solve.damping import MOST_DAMPING, Damping, gain
 from quadrig.single.solve.pinhole_model import (
     BLOCK,
     Problem,
@@ -31,10 +32,7 @@ _FIRST_STEPS, _MOST_STEPS = 6, 60
 # A step that promises to lower the sum of squares by less than this (in units of sigma^2) moves the answer by less
 # than a thousandth of its own sigma; it is still taken.
 _CONVERGED = 1e-6
-_FIRST_DAMPING, _LEAST_DAMPING, _MOST_DAMPING = 1e-6, 1e-7, 1e12
-# Shares of the promised decrease: below the poor one a weak view's valley bends within the step, and undamped steps
-# would leap to and fro across it for ever.
-_POOR_GAIN, _GOOD_GAIN = 0.3, 0.7
+_FIRST_DAMPING = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,33 +135,32 @@ def _search(problem: Problem, state: Floats, limit: int) -> tuple[Floats, Floats
     members = state.shape[1]
     chi2, steps = np.full(members, np.nan), np.full(members, limit, np.int16)
     final, active = state.copy(), np.arange(members)
-    damping = np.full(members, _FIRST_DAMPING)
+    damping = Damping.of(np.full(members, _FIRST_DAMPING))
     picture = picture_of(problem, state)
     for used in range(1, limit + 1):
         J = derivatives(problem, state, picture)
         normal, gradient = normal_matrix(problem, J), gradient_of(problem, state, J, picture.residuals)
         diagonal = np.arange(len(J))
-        normal[diagonal, diagonal] *= 1 + damping
+        normal[diagonal, diagonal] *= 1 + damping.value
         step = triangular.solve(triangular.cholesky(normal), gradient)
         promised = (step * gradient).sum(axis=0)
         small = promised < _CONVERGED
         new = moved(problem, state, step)
         new_picture = picture_of(problem, new)
-        gain = (picture.chi2 - new_picture.chi2) / promised
-        better = (gain > 0) | small
-        damping = np.where(gain > _GOOD_GAIN, damping * 0.1, np.where(gain > _POOR_GAIN, damping, damping * 10))
-        damping = np.maximum(damping, _LEAST_DAMPING)
+        gained = gain(picture.chi2, new_picture.chi2, promised)
+        better, damping = (gained > 0) | small, damping.after(gained)
         if better.all():
             state, picture = new, new_picture
         else:
             state = np.where(better, new, state)
             picture = picture_of(problem, state)
-        leaving = small | ~(damping < _MOST_DAMPING) | ~np.isfinite(picture.chi2)
+        leaving = small | ~(damping.value < MOST_DAMPING) | ~np.isfinite(picture.chi2)
         if leaving.any():
             gone = active[leaving]
             final[:, gone], chi2[gone], steps[gone] = state[:, leaving], picture.chi2[leaving], used
             stay = np.flatnonzero(~leaving)
-            active, damping, state = active[stay], damping[stay], state[:, stay]
+            active, state = active[stay], state[:, stay]
+            damping = Damping(damping.value[stay], damping.raised[stay])
             problem, picture = problem.members(stay), picture.members(stay)
             if not len(stay):
                 break
