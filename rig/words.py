@@ -1,20 +1,29 @@
-"""Lengths in words."""
+"""Lengths in words, as people write and read them."""
+
+import re
 
 import numpy as np
 
+from quadrig.single.errors import QuadrigError
 
-def millimetres(metres: float) -> str:
-    """Two digits, in the unit a person would use."""
-    value = 1000 * metres
-    if not np.isfinite(value):
-        return "an unknown accuracy"
-    return f"{value:.2g} mm" if value < 100 else f"{value / 10:.0f} cm"
+_METRES = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "in": 0.0254}
 
 
 def length(metres: float) -> str:
-    """A length as people read it, with two to three digits that matter."""
+    """ "0.83 mm", "12.3 mm", "0.30 m": two to three digits that matter; "unknown" where it is."""
     if not np.isfinite(metres):
         return "unknown"
     if abs(metres) < 1e-3:
         return f"{1e3 * metres:.2g} mm"
     return f"{1e3 * metres:.1f} mm" if abs(metres) < 0.1 else f"{metres:.2f} m"
+
+
+def read_length(text: str, unit: str = "m") -> float:
+    """Metres of "80mm", "8 cm", "0.08 m", "3in"; unit: that of a bare number.
+
+    Raises QuadrigError where it is no length above zero.
+    """
+    match = re.fullmatch(r"\s*(\d+\.?\d*(?:e-?\d+)?|\.\d+)\s*([a-zµ]*)\s*", text.lower())
+    if match is None or (match[2] or unit) not in _METRES or not float(match[1]) > 0:
+        raise QuadrigError(f"{text!r} is no length; give one such as 1mm, 80mm or 3in")
+    return float(match[1]) * _METRES[match[2] or unit]

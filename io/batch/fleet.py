@@ -16,15 +16,20 @@ from quadrig.single.errors import QuadrigError
 # A task whose worker is killed is run again by the cluster; more often than this, and it is the task that kills.
 _RETRIES = 3
 # A scheduler on another continent answers in one.
-_SECONDS_TO_ANSWER = 10
+SECONDS_TO_ANSWER = 10.0
+"""How long a Dask scheduler is waited for."""
 
 
 @dataclass(frozen=True)
-class Job:
+class FleetJob:
     """One recording to be calibrated and where its result goes."""
 
     recording: tuple[Path, ...]
     output: Path
+
+    def absolute(self) -> "FleetJob":
+        """The same with absolute paths: a worker on a cluster stands in a folder of its own."""
+        return FleetJob(tuple(path.absolute() for path in self.recording), self.output.absolute())
 
 
 @dataclass(frozen=True)
@@ -34,14 +39,14 @@ class Outcome:
     kept: the result was there already and is newer than the recording.
     """
 
-    job: Job
+    job: FleetJob
     message: str
     failed: bool = False
     kept: bool = False
     seconds: float = 0.0
 
 
-Calibrate = Callable[[Job], str]
+Calibrate = Callable[[FleetJob], str]
 """Calibrates one recording in its own process, writes the output whole, and returns the result in words.
 
 It must be picklable, and must raise QuadrigError where a person can mend what is wrong.
@@ -51,23 +56,23 @@ It must be picklable, and must raise QuadrigError where a person can mend what i
 @dataclass(frozen=True)
 class _Task:
     calibrate: Calibrate
-    job: Job
+    job: FleetJob
 
 
-def find_jobs(paths: Sequence[Path], output: Path) -> list[Job]:
+def find_jobs(paths: Sequence[Path], output: Path) -> list[FleetJob]:
     """A job for each recording: each MCAP file, each folder of one recording, each in a folder of such.
 
     output: the folder of the results, NAME.rig.mcap. Raises QuadrigError where there is no recording or two have
     one name.
     """
-    jobs: dict[str, Job] = {}
+    jobs: dict[str, FleetJob] = {}
     for recording in (part for path in paths for part in _recordings(Path(path))):
         name = recording.stem if recording.is_file() else recording.name
         if name in jobs:
             raise QuadrigError(
                 f"{recording} and {jobs[name].recording[0]} would both be written to {jobs[name].output}; rename one"
             )
-        jobs[name] = Job((recording,), output / f"{name}.rig.mcap")
+        jobs[name] = FleetJob((recording,), output / f"{name}.rig.mcap")
     if not jobs:
         raise QuadrigError(f"{', '.join(map(str, paths))}: no recordings here; give MCAP files or folders of them")
     return list(jobs.values())
@@ -75,7 +80,7 @@ def find_jobs(paths: Sequence[Path], output: Path) -> list[Job]:
 
 def run_fleet(
     calibrate: Calibrate,
-    jobs: Sequence[Job],
+    jobs: Sequence[FleetJob],
     workers: int | None = None,
     executor: Executor | None = None,
     again: bool = False,
@@ -91,14 +96,13 @@ def run_fleet(
             yield Outcome(job, "kept", kept=True)
         else:
             todo.append(job)
-    # A worker on a cluster stands in a folder of its own.
-    tasks = [_Task(calibrate, Job(tuple(map(Path.absolute, job.recording)), job.output.absolute())) for job in todo]
+    tasks = [_Task(calibrate, job.absolute()) for job in todo]
     for index, outcome in run_tasks(_run, tasks, workers, executor):
         yield replace(outcome, job=todo[index])
 
 
 @contextmanager
-def dask_executor(address: str) -> Iterator[Executor]:
+def dask_executor(address: str, patience: float = SECONDS_TO_ANSWER) -> Iterator[Executor]:
     """The workers of a Dask cluster (tcp://scheduler:8786) as an Executor.
 
     They need quadrig installed and the recordings under the same paths. A task whose worker dies is run again by
@@ -109,7 +113,7 @@ def dask_executor(address: str) -> Iterator[Executor]:
     except ImportError as error:
         raise QuadrigError("a cluster needs Dask; install it with: pip install 'quadrig[dask]'") from error
     try:
-        client = Client(address, timeout=_SECONDS_TO_ANSWER, set_as_default=False)
+        client = Client(address, timeout=patience, set_as_default=False)
     except (OSError, TimeoutError, ValueError) as error:
         raise QuadrigError(
             f"{address}: no Dask scheduler answers there; give its address, tcp://HOST:8786"
@@ -133,7 +137,7 @@ def _run(task: _Task) -> Outcome:
     return Outcome(task.job, message, seconds=monotonic() - began)
 
 
-def _is_done(job: Job) -> bool:
+def _is_done(job: FleetJob) -> bool:
     if not job.output.is_file():
         return False
     newest = max(path.stat().st_mtime_ns for path in job.recording)

@@ -10,7 +10,7 @@ from typing import Annotated
 
 import typer
 
-from quadrig.io.batch.job import CalibrateJob
+from quadrig.io.batch.calibrate_one import CalibrateOne
 from quadrig.io.config.rig_toml import read_config
 from quadrig.io.rig_file.rig_mcap import read_rig, write_rig
 from quadrig.io.search.detection_file import detections_beside
@@ -69,7 +69,7 @@ def calibrate(
         other = "--each, which keeps what was found beside each result" if each else "--no-cache"
         raise QuadrigError(f"--cache does not go with {other}; leave one of them out")
     if each:
-        calibrate_one = CalibrateJob(described.text, tolerance, share, all_cameras, keep=not no_cache)
+        calibrate_one = CalibrateOne(described.text, tolerance, share, all_cameras, keep=not no_cache)
         _calibrate_each(recording, output, calibrate_one, workers, dask, again)
         return
     if dask is not None:
@@ -109,7 +109,7 @@ def _solve(searched: Searched, only: list[str], earlier: Rig | None) -> Rig:
 def _calibrate_each(
     recordings: list[Path],
     output: Path,
-    calibrate_one: CalibrateJob,
+    calibrate_one: CalibrateOne,
     workers: int | None,
     dask: str | None,
     again: bool,

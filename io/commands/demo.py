@@ -20,11 +20,12 @@ from quadrig.io.demo.rendered_recording import (
     write_demo_recording,
 )
 from quadrig.io.demo.scene import Scene, demo_scene
-from quadrig.io.report.table import console, millimetres, print_rig, with_sigma
+from quadrig.io.report.table import console, print_rig, with_sigma
 from quadrig.io.rig_file.rig_mcap import read_rig_file, write_rig
 from quadrig.io.search.effort import Effort
 from quadrig.io.search.whole_recording import calibrate_searched, refuse_missing, search_recording
 from quadrig.rig.result import Rig
+from quadrig.rig.words import length
 from quadrig.single.errors import QuadrigError
 
 
@@ -110,8 +111,8 @@ def _truth_table(rig: Rig, compared: Sequence[Comparison]) -> Table:
             ["rig frame", "", "", ""]
             if stands
             else [
-                millimetres(one.position_error),
-                millimetres(one.position_sigma),
+                length(one.position_error),
+                length(one.position_sigma),
                 f"{np.degrees(one.rotation_error):.4f} deg",
                 f"{np.degrees(one.rotation_sigma):.4f} deg",
             ]

@@ -75,13 +75,14 @@ def _application(wanted: str) -> typer.Typer:
     )
     app.callback()(_options)
     for name, line in COMMANDS.items():
-        function = _function(name) if name == wanted else _named
+        function = command_function(name) if name == wanted else _named
         described = inspect.getdoc(function) if name == wanted else line
         app.command(name, help=described, short_help=line)(function)
     return app
 
 
-def _function(name: str) -> Callable[..., None]:
+def command_function(name: str) -> Callable[..., None]:
+    """The function behind a command of COMMANDS, imported only now."""
     return getattr(import_module(f"quadrig.io.commands.{name}"), name)
 
 

@@ -18,10 +18,8 @@ from quadrig.io.live.plan import SetupPlan, SetupResult
 from quadrig.io.live.session import run_setup
 from quadrig.io.rig_file.rig_mcap import write_rig
 from quadrig.rig.coach.advice import good_for
-from quadrig.rig.words import millimetres
+from quadrig.rig.words import length, read_length
 from quadrig.single.errors import QuadrigError
-
-_UNITS = {"": 1.0, "m": 1.0, "cm": 0.01, "mm": 0.001, "um": 1e-6, "µm": 1e-6}
 
 
 def setup(
@@ -57,7 +55,7 @@ def setup(
     Examples: rig setup --until 1mm; rig setup left=0 right=1 -o desk.mcap;
     rig setup http://127.0.0.1:8080/video cam1.mp4 --no-viewer
     """
-    wanted = length(until) if until else None
+    wanted = read_length(until) if until else None
     rig_config = read_config(config)
     cameras = chosen_sources(sources or [], rig_config, config.parent)
     recording, earlier = _recordings(output, resume, overwrite)
@@ -78,14 +76,6 @@ def _write_report(output: Path) -> None:
     from quadrig.io.whole_file import write_text
 
     write_text(output.with_suffix(".html"), report_html(read_rig_file(output)))
-
-
-def length(text: str) -> float:
-    """Metres of "1mm", "0.5 cm", "0.001". Raises QuadrigError where it is no length."""
-    match = re.fullmatch(r"\s*([0-9]*\.?[0-9]+(?:e-?[0-9]+)?)\s*([a-zµ]*)\s*", text)
-    if match is None or match[2] not in _UNITS or float(match[1]) <= 0:
-        raise QuadrigError(f"{text!r} is no length; give one such as 1mm, 0.5mm or 2cm")
-    return float(match[1]) * _UNITS[match[2]]
 
 
 def chosen_sources(texts: list[str], config: RigConfig, folder: Path) -> dict[str, SourceSpec]:
@@ -204,7 +194,7 @@ def _as_text(result: SetupResult, output: Path, plan: SetupPlan) -> str:
     lines = [f"{good_for(rig)}: {result.kept} framesets kept of {result.framesets}, {result.ending}"]
     for camera in rig.cameras:
         sigma = rig.position_sigma(camera.name)
-        place = f"place ± {millimetres(sigma)}" if sigma > 0 else "the reference"
+        place = f"place ± {length(sigma)}" if sigma > 0 else "the reference"
         lines.append(
             f"{camera.name}: focal {camera.intrinsics.focal:.1f} ± {rig.focal_sigma(camera.name):.1f} px, {place}, "
             f"{camera.views} Views, rms {camera.rms:.2f} px"

@@ -14,13 +14,13 @@ from quadrig.io.sheet.layout import (
     largest_tag,
     paper_named,
     parse_ids,
-    parse_length,
     parse_measured,
     scaled,
     target_pdf,
     target_toml,
 )
 from quadrig.io.whole_file import write_text, written_beside
+from quadrig.rig.words import read_length
 from quadrig.single.detect.dictionaries import canonical_dictionary, tag_dictionary
 from quadrig.single.detect.image_search import check_rectangles
 from quadrig.single.errors import QuadrigError
@@ -81,7 +81,7 @@ def target(
         usual = (9, 6) if kind is Kind.chessboard else (7, 5)
         columns, rows = columns or usual[0], rows or usual[1]
         page = paper_named(paper, across=columns >= rows)
-        square = parse_length(size) if size else largest_square(page, columns, rows)
+        square = read_length(size, "mm") if size else largest_square(page, columns, rows)
         marking = _board_marking(kind, columns, rows, square, ids, dictionary)
         rectangles, per_page = [Rectangle(name or "board", columns * square, rows * square, marking, moves)], 1
     check_rectangles(rectangles)
@@ -103,7 +103,7 @@ def _tags(
     known = canonical_dictionary(dictionary or "apriltag_36h11")
     numbers = parse_ids(ids)
     cells = tag_dictionary(known).markerSize + 2
-    side = parse_length(size) if size else largest_tag(paper, cells, min(per_page, len(numbers)))
+    side = read_length(size, "mm") if size else largest_tag(paper, cells, min(per_page, len(numbers)))
     return [Rectangle(f"{name}{number}", side, side, TagMarking(known, number), moving) for number in numbers]
 
 

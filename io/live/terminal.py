@@ -4,7 +4,7 @@ import sys
 import time
 
 from quadrig.io.live.state import SetupState
-from quadrig.rig.words import millimetres
+from quadrig.rig.words import length
 
 # A terminal is drawn this often (s): quicker than reading, far slower than the frames.
 _EVERY = 0.25
@@ -77,7 +77,7 @@ def _cameras(state: SetupState):
             camera = state.rig.camera(source.name)
             focal = f"{camera.intrinsics.focal:.0f} ± {state.rig.focal_sigma(source.name):.1f} px"
             sigma = state.rig.position_sigma(source.name)
-            place = f"± {millimetres(sigma)}" if sigma > 0 else "the reference"
+            place = f"± {length(sigma)}" if sigma > 0 else "the reference"
         pace = f"{source.rate:.0f}" if source.condition in ("running", "ended") else source.condition
         table.add_row(source.name, pace, sees or "-", str(kept), focal, place)
     return table

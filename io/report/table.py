@@ -8,6 +8,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from quadrig.rig.result import Camera, Rig
+from quadrig.rig.words import length
 
 # In a file or a pipe no line is broken.
 _UNBROKEN = 200
@@ -21,7 +22,7 @@ def console() -> Console:
 def print_rig(rig: Rig, where: Console | None = None) -> None:
     """Print a Rig on stdout."""
     where = where or console()
-    where.print(f"[bold]working accuracy {millimetres(rig.working_accuracy)}[/] where the rectangles were seen")
+    where.print(f"[bold]working accuracy {length(rig.working_accuracy)}[/] where the rectangles were seen")
     where.print(escape(summary(rig)))
     where.print()
     where.print(camera_table(rig))
@@ -85,14 +86,6 @@ def with_sigma(value: float, sigma: float) -> str:
         return f"{value:.2f} \u00b1 0"
     decimals = int(np.clip(1 - np.floor(np.log10(sigma)), 0, 6))
     return f"{value:.{decimals}f} \u00b1 {sigma:.{decimals}f}"
-
-
-def millimetres(metres: float) -> str:
-    """ "0.42 mm", two digits; "unknown" where it is."""
-    if not np.isfinite(metres):
-        return "unknown"
-    decimals = int(np.clip(1 - np.floor(np.log10(max(1e3 * metres, 1e-6))), 0, 6))
-    return f"{1e3 * metres:.{decimals}f} mm"
 
 
 def _count(number: int, word: str) -> str:

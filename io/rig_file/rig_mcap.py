@@ -57,18 +57,18 @@ def write_rig(path: Path | str, rig: Rig, config_text: str = "", times: Sequence
     """
     known = tuple(int(time) for time in times)
     times = known or _invented_times(rig)
-    start = min(times, default=0)
+    first = min(times, default=0)
     with written_beside(path) as beside, beside.open("wb") as stream:
         # The record repeats itself much (the same board points in each View): zstd takes it to a quarter.
         writer = TopicWriter(stream, "zstd", profile="quadrig")
         for camera in rig.cameras:
-            writer.write_protobuf(f"/{camera.name}/camera_info", _calibration(camera, start), start)
+            writer.write_protobuf(f"/{camera.name}/camera_info", _calibration(camera, first), first)
         for time, transforms in _transforms(rig, times):
             writer.write_protobuf("/tf", transforms, time)
         for placed in rig.rectangles:
-            writer.write_protobuf(f"/{placed.name}/outline", _outline(placed, start), start)
+            writer.write_protobuf(f"/{placed.name}/outline", _outline(placed, first), first)
         _write_record(writer, rig, times, known)
-        writer.attach(CONFIG_ATTACHMENT, "application/toml", config_text.encode(), start)
+        writer.attach(CONFIG_ATTACHMENT, "application/toml", config_text.encode(), first)
         writer.add_metadata("quadrig", {"version": _version(), "record": str(RECORD_FORMAT)})
         writer.finish()
 
@@ -127,10 +127,10 @@ def _invented_times(rig: Rig) -> tuple[int, ...]:
 def _write_record(writer: TopicWriter, rig: Rig, times: tuple[int, ...], known: tuple[int, ...]) -> None:
     writer.declare_json(RIG_TOPIC, "quadrig.Rig", msgspec.json.encode(msgspec.json.schema(RigRecord)))
     writer.declare_json(VIEWS_TOPIC, "quadrig.View", msgspec.json.encode(msgspec.json.schema(FitRecord)))
-    start = min(times, default=0)
-    writer.write_json(RIG_TOPIC, encode_rig(rig, known), start)
+    first = min(times, default=0)
+    writer.write_json(RIG_TOPIC, encode_rig(rig, known), first)
     for number, fit in enumerate(rig.fits):
-        time = times[fit.view.frameset] if 0 <= fit.view.frameset < len(times) else start
+        time = times[fit.view.frameset] if 0 <= fit.view.frameset < len(times) else first
         writer.write_json(VIEWS_TOPIC, encode_fit(fit), time, number)
 
 
@@ -153,20 +153,20 @@ def _transforms(rig: Rig, times: tuple[int, ...]) -> Iterator[tuple[int, Any]]:
     """What stands still at the first time, and then each frameset's moving rectangles at its own."""
     from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
 
-    start = min(times, default=0)
+    first = min(times, default=0)
     still, frame = FrameTransforms(), rig_frame_name(rig)
     for camera in rig.cameras:
-        _add_transform(still, frame, camera.name, camera.rig_from_camera, start)
+        _add_transform(still, frame, camera.name, camera.rig_from_camera, first)
     moving: dict[int, Any] = {}
     for placed in rig.rectangles:
         if not placed.rectangle.moving:
-            _add_transform(still, frame, placed.name, placed.rig_from_rect, start)
+            _add_transform(still, frame, placed.name, placed.rig_from_rect, first)
             continue
         for row, frameset in enumerate(placed.framesets):
-            time = times[frameset] if frameset < len(times) else start
+            time = times[frameset] if frameset < len(times) else first
             message = moving.setdefault(time, FrameTransforms())
             _add_transform(message, frame, placed.name, placed.rig_from_rect[row], time)
-    yield start, still
+    yield first, still
     yield from sorted(moving.items())
 
 

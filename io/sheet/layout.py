@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 from quadrig.io.config.rig_toml import RigConfig, config_text
 from quadrig.io.sheet.pdf import PdfPage, pdf_bytes
+from quadrig.rig.words import read_length
 from quadrig.single.errors import QuadrigError
 from quadrig.single.marking import CharucoMarking, ChessboardMarking
 from quadrig.single.rectangle import PAPER_SIZES, Rectangle
@@ -22,7 +23,6 @@ _CUT, _CUT_GAP = 4.0, 1.0
 _RULER = 150.0
 # A printer that is off by more than this did not print "at actual size": the page was fitted to the paper.
 _SCALE_LIMITS = (0.5, 2.0)
-_UNITS = {"": 1e-3, "mm": 1e-3, "cm": 1e-2, "m": 1.0, "in": 0.0254}
 
 
 @dataclass(frozen=True)
@@ -62,14 +62,6 @@ def parse_ids(text: str) -> list[int]:
     return ids
 
 
-def parse_length(text: str) -> float:
-    """Metres of "80mm", "8 cm", "0.08m", "3in"; a bare number is in mm. Raises QuadrigError where it is no length."""
-    match = re.fullmatch(r"\s*(\d+(?:\.\d*)?|\.\d+)\s*(mm|cm|m|in|)\s*", text.lower())
-    if match is None or float(match[1]) <= 0:
-        raise QuadrigError(f"{text!r} is no length; give one such as 80mm or 3in")
-    return float(match[1]) * _UNITS[match[2]]
-
-
 def parse_measured(text: str) -> float:
     """The printer's scale of "148.5mm/150mm": what the ruler measures over what it says.
 
@@ -78,7 +70,7 @@ def parse_measured(text: str) -> float:
     parts = text.split("/")
     if len(parts) != 2:
         raise QuadrigError(f"{text!r} is no measurement; give measured over printed length, such as 148.5mm/150mm")
-    scale = parse_length(parts[0]) / parse_length(parts[1])
+    scale = read_length(parts[0], "mm") / read_length(parts[1], "mm")
     if not _SCALE_LIMITS[0] < scale < _SCALE_LIMITS[1]:
         raise QuadrigError(f"{text!r} makes the print {scale:.3g} times its size; measure the ruler again")
     return scale

@@ -19,7 +19,7 @@ from quadrig.io.live.state import SetupState
 from quadrig.io.viewer.banner import banner
 from quadrig.io.viewer.process import Viewer
 from quadrig.rig.result import Camera, Rig
-from quadrig.rig.words import millimetres
+from quadrig.rig.words import length
 from quadrig.single.arrays import Floats
 from quadrig.single.errors import QuadrigError
 from quadrig.single.pose import Pose
@@ -317,4 +317,4 @@ def _hull(pixels: Floats) -> Floats:
 def _label(rig: Rig, name: str) -> str:
     """A camera's name and how sure its place is; the reference's is so by definition."""
     sigma = rig.position_sigma(name)
-    return f"{name} ± {millimetres(sigma)}" if sigma > 0 else name
+    return f"{name} ± {length(sigma)}" if sigma > 0 else name

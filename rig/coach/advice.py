@@ -19,7 +19,7 @@ from quadrig.rig.coach.next_view import (
 from quadrig.rig.coach.planned_doubt import planning_doubt
 from quadrig.rig.doubt.working_accuracy import covered_points
 from quadrig.rig.result import Rig
-from quadrig.rig.words import millimetres
+from quadrig.rig.words import length
 from quadrig.single.arrays import Floats, Mask
 from quadrig.single.pose import Pose
 from quadrig.single.rectangle import Rectangle
@@ -95,7 +95,9 @@ def advise(situation: Situation) -> Advice:
 
 def good_for(rig: Rig) -> str:
     """The sentence that heads every result."""
-    return f"good for {millimetres(rig.working_accuracy)} in the volume you covered"
+    if not np.isfinite(rig.working_accuracy):
+        return "how good it is for a point is unknown"
+    return f"good for {length(rig.working_accuracy)} in the volume you covered"
 
 
 def connected(

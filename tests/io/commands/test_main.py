@@ -246,7 +246,7 @@ def test_what_nobody_expected_is_one_line_and_the_traceback_on_demand(monkeypatc
     def fails(_name: str) -> None:
         raise KeyError("something\nlong")
 
-    monkeypatch.setattr(commands, "_function", fails)
+    monkeypatch.setattr(commands, "command_function", fails)
     assert commands.run(["demo"]) == 1
     said = capsys.readouterr().err
     assert len(said.splitlines()) == 1
@@ -260,7 +260,7 @@ def test_interrupted_says_so(monkeypatch, capsys) -> None:
     def interrupted(_name: str) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(commands, "_function", interrupted)
+    monkeypatch.setattr(commands, "command_function", interrupted)
     assert commands.run(["demo"]) == 130
     assert "interrupted" in capsys.readouterr().err
 

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from quadrig.io.commands.main import run
-from quadrig.io.commands.setup import chosen_sources, length
+from quadrig.io.commands.setup import chosen_sources
 from quadrig.io.config.rig_toml import parse_config
 from quadrig.io.live.capture.frame import Frame
 from quadrig.io.live.capture.source_spec import parse_source
@@ -443,17 +443,6 @@ def test_the_large_sentence_fits_into_its_picture(sentence):
         assert rows.max() < drawn.shape[0] - 1
         assert columns.min() > 0
         assert columns.max() < drawn.shape[1] - 1
-
-
-@pytest.mark.parametrize(("text", "metres"), [("1mm", 0.001), ("0.5 cm", 0.005), ("0.002", 0.002), ("2m", 2.0)])
-def test_lengths(text, metres):
-    assert length(text) == pytest.approx(metres)
-
-
-@pytest.mark.parametrize("text", ["", "mm", "1 foot", "-1mm", "0mm"])
-def test_what_is_no_length(text):
-    with pytest.raises(QuadrigError, match="is no length"):
-        length(text)
 
 
 def test_sources_of_the_command_line_and_of_rig_toml(tmp_path):

@@ -10,7 +10,7 @@ import pytest
 
 from quadrig.io.commands.main import run
 from quadrig.io.config.rig_toml import parse_config, read_config
-from quadrig.io.sheet.layout import paper_named, parse_ids, parse_length, parse_measured
+from quadrig.io.sheet.layout import paper_named, parse_ids, parse_measured
 from quadrig.single.arrays import Picture
 from quadrig.single.detect.image_search import detect_views
 from quadrig.single.errors import QuadrigError
@@ -138,10 +138,9 @@ def test_folder_that_is_not_there_is_said(tmp_path, capsys):
     assert "no folder" in capsys.readouterr().err
 
 
-def test_ids_lengths_and_papers_are_read():
+def test_ids_rulers_and_papers_are_read():
     assert parse_ids("0-3") == [0, 1, 2, 3]
     assert parse_ids("1, 4,9-11") == [1, 4, 9, 10, 11]
-    assert [parse_length(t) for t in ("80mm", "8 cm", ".08m", "80")] == pytest.approx([0.08] * 4)
     assert parse_measured("148.5mm/150mm") == pytest.approx(0.99)
     assert paper_named("a4", across=True).width == pytest.approx(297)
     for text in ("", "x", "1-", "-1"):

@@ -9,7 +9,7 @@ from quadrig.rig.coach.advice import Situation, advise, best_placement, connecte
 from quadrig.rig.coach.next_view import Placements, accuracy_weight, expected_drop, imagine, planning_points, seen
 from quadrig.rig.doubt.working_accuracy import working_accuracy
 from quadrig.rig.result import Camera, PlacedRectangle, Rig
-from quadrig.rig.words import millimetres
+from quadrig.rig.words import length
 from quadrig.single.lens import LENS_PARAMETERS, Intrinsics, LensModel
 from quadrig.single.marking import ChessboardMarking, TagMarking
 from quadrig.single.pose import Pose
@@ -204,7 +204,7 @@ def test_done_is_said_at_the_accuracy_asked_for():
     advice = advise(situation_of(cameras, rig, views, target=1.01 * rig.working_accuracy))
     assert advice.kind == "done"
     assert advice.sentence == (
-        f"good for {millimetres(rig.working_accuracy)} in the volume you covered; press Enter to finish"
+        f"good for {length(rig.working_accuracy)} in the volume you covered; press Enter to finish"
     )
     assert advise(situation_of(cameras, rig, views, target=0.5 * rig.working_accuracy)).kind != "done"
 

@@ -2,17 +2,17 @@
 
 from dataclasses import dataclass
 
-from quadrig.io.batch.fleet import Job
+from quadrig.io.batch.fleet import FleetJob
 from quadrig.io.config.rig_toml import parse_config
-from quadrig.io.report.table import millimetres
 from quadrig.io.rig_file.rig_mcap import write_rig
 from quadrig.io.search.detection_file import detections_beside
 from quadrig.io.search.effort import Effort
 from quadrig.io.search.whole_recording import calibrate_searched, refuse_missing, search_recording
+from quadrig.rig.words import length
 
 
 @dataclass(frozen=True)
-class CalibrateJob:
+class CalibrateOne:
     """What run_fleet calls for every recording: `rig calibrate` with one rig.toml for all.
 
     config_text: the rig.toml; it travels to other machines where the recordings have the same paths, the rig.toml
@@ -25,7 +25,7 @@ class CalibrateJob:
     all_cameras: bool = False
     keep: bool = True
 
-    def __call__(self, job: Job) -> str:
+    def __call__(self, job: FleetJob) -> str:
         """Calibrates one recording and writes its rig. Raises QuadrigError as `rig calibrate` does."""
         config = parse_config(self.config_text)
         # Every process has one recording: it searches by itself and shows no bar of its own.
@@ -36,6 +36,6 @@ class CalibrateJob:
         if self.all_cameras:
             refuse_missing(rig)
         write_rig(job.output, rig, self.config_text, searched.times)
-        accuracy = millimetres(rig.working_accuracy)
+        accuracy = length(rig.working_accuracy)
         without = f", without {', '.join(rig.missing)}" if rig.missing else ""
         return f"working accuracy {accuracy}, {len(rig.cameras)} cameras{without}, RMS {rig.rms:.3f} px"
