@@ -3,10 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-import cv2
-import numpy as np
-
-from quadrig.io.live.search import Search, tag_families
+from quadrig.io.live.search import Search, halved, tag_families
 from quadrig.rig.coach.capture_faults import unreadable_fault, wrong_board_fault
 from quadrig.rig.coach.fault import Fault
 from quadrig.single.arrays import Picture
@@ -50,7 +47,7 @@ class BlindCameras:
         # Two looks in a row go to one camera and one dictionary beside rig.toml's own.
         search = blind[self._turn // 2 % len(blind)]
         other = [self._others[self._turn // 2 // len(blind) % len(self._others)]] if self._others else []
-        half, half_before = _half(search.grey), _half(before.get(search.camera, search.grey))
+        half, half_before = halved(search.grey), halved(before.get(search.camera, search.grey))
         tags = frozenset((name, tag) for name in [*self._own, *other] for tag in find_tags(half, name, quick=True))
         look = _Look(tags, unreadable_fault(search.camera, half, half_before))
         if look.fault is not None and look.fault.kind == "motion" and len(blind) < len(searches):
@@ -60,7 +57,3 @@ class BlindCameras:
         if twice := sorted(look.tags & known.tags):
             return wrong_board_fault({search.camera: twice}, self._rectangles)
         return look.fault if look.fault == known.fault else None
-
-
-def _half(grey: Picture) -> Picture:
-    return np.asarray(cv2.resize(grey, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA))

@@ -81,7 +81,7 @@ class LiveSearch:
         memory = self._memories.setdefault(frame.camera, _Memory(count=3 * len(self._memories)))
         thorough = memory.count % _THOROUGH_EVERY == 0
         memory.count += 1
-        half = np.asarray(cv2.resize(grey, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA))
+        half = halved(grey)
         found = {family: self._tags_in(grey, half, family, memory, thorough) for family in self._families}
         views = [
             view
@@ -133,6 +133,11 @@ class LiveSearch:
             elif thorough:
                 views += detect_views(grey, [rectangle])
         return views
+
+
+def halved(grey: Picture) -> Picture:
+    """A picture (H, W) at half its size."""
+    return np.asarray(cv2.resize(grey, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA), np.uint8)
 
 
 def _doubled(found: dict[int, list[Floats]]) -> dict[int, list[Floats]]:

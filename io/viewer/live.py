@@ -310,7 +310,7 @@ def _hull(pixels: Floats) -> Floats:
 
     if len(pixels) == 4:
         return pixels[RING]
-    hull = cv2.convexHull(pixels.astype(np.float32))[:, 0]
+    hull = np.asarray(cv2.convexHull(pixels.astype(np.float32))[:, 0], float)
     return np.concatenate([hull, hull[:1]])
 
 

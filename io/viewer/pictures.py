@@ -9,7 +9,7 @@ import numpy as np
 from quadrig.io.recording.framesets import build_framesets
 from quadrig.io.recording.recorded_cameras import Recording, open_recording
 from quadrig.rig.result import Rig
-from quadrig.single.arrays import Floats
+from quadrig.single.arrays import Ints, Picture
 
 # Enough to see every place the rectangles were held; a thousand pictures would make a file of gigabytes.
 MOST_FRAMESETS = 80
@@ -52,7 +52,7 @@ def images_of_framesets(
     return [_nearest(stamps, times[index]) if index < len(times) else -1 for index in framesets]
 
 
-def _nearest(stamps: Floats, time: int) -> int:
+def _nearest(stamps: Ints, time: int) -> int:
     """The image nearest to a time, within half the usual interval of images."""
     if not len(stamps):
         return -1
@@ -61,6 +61,6 @@ def _nearest(stamps: Floats, time: int) -> int:
     return nearest if abs(int(stamps[nearest]) - time) <= 0.6 * interval else -1
 
 
-def _jpeg(picture: Floats) -> bytes:
+def _jpeg(picture: Picture) -> bytes:
     done, data = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])
     return data.tobytes() if done else b""

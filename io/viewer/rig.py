@@ -141,7 +141,7 @@ def _log_rectangle(recording: Any, rig: Rig, placed: PlacedRectangle, times: Seq
     if not placed.rectangle.moving:
         recording.log(path, _outline(rings[0], STATIC, 2.5), static=True)
         return
-    faint = rr.LineStrips3D(rings, colors=[MOVED], radii=rr.Radius.ui_points(0.6))
+    faint = rr.LineStrips3D(list(rings), colors=[MOVED], radii=rr.Radius.ui_points(0.6))
     recording.log(f"space/everywhere/{placed.name}", faint, static=True)
     by_frameset = dict(zip(np.asarray(placed.framesets).tolist(), rings, strict=True))
     for frameset in _framesets(rig):
@@ -193,7 +193,7 @@ def named_points(names: Sequence[str], places: Floats, colours: Sequence[Colour]
 def _leads(anchors: Floats, places: Floats, colours: Sequence[Colour]) -> Any:
     import rerun as rr
 
-    return rr.LineStrips3D(np.stack([anchors, places], axis=1), colors=colours, radii=rr.Radius.ui_points(0.5))
+    return rr.LineStrips3D(list(np.stack([anchors, places], axis=1)), colors=colours, radii=rr.Radius.ui_points(0.5))
 
 
 def _framesets(rig: Rig) -> list[int]:

@@ -79,4 +79,4 @@ def _picture_file(path: Path) -> PictureData:
     if path.suffix.lower() in (".jpg", ".jpeg", ".png"):
         return path.read_bytes()
     picture = cv2.imread(str(path), cv2.IMREAD_COLOR)
-    return b"" if picture is None else np.asarray(picture)
+    return b"" if picture is None else np.asarray(picture, np.uint8)

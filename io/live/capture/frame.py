@@ -40,7 +40,9 @@ class Frame:
         """The picture (H, W) in grey. Raises QuadrigError where the bytes are no picture."""
         if self.picture is None:
             return self._decode(cv2.IMREAD_GRAYSCALE)
-        return self.picture if self.picture.ndim == 2 else np.asarray(cv2.cvtColor(self.picture, cv2.COLOR_BGR2GRAY))
+        if self.picture.ndim == 2:
+            return self.picture
+        return np.asarray(cv2.cvtColor(self.picture, cv2.COLOR_BGR2GRAY), np.uint8)
 
     def preview(self, shrink: int) -> bytes:
         """A JPEG for the eye, grey, its sides 1 / shrink of the picture's. Raises as `grey` does."""
@@ -69,4 +71,4 @@ class Frame:
         picture = cv2.imdecode(np.frombuffer(self.encoded, np.uint8), mode) if self.encoded else None
         if picture is None:
             raise QuadrigError(f"camera {self.camera!r}: a picture arrived damaged; look at its cable or network")
-        return np.asarray(picture)
+        return np.asarray(picture, np.uint8)

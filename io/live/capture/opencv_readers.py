@@ -27,7 +27,7 @@ class CaptureReader:
     def read(self) -> tuple[int, PictureData] | None:
         done, picture = self._capture.read()
         if done:
-            return _media_time(self._capture), np.asarray(picture)
+            return _media_time(self._capture), np.asarray(picture, np.uint8)
         if self.live:
             raise SourceLostError(f"{self._label} gives no more pictures")
         return None
