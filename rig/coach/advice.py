@@ -2,6 +2,7 @@
 
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import combinations
 from typing import Literal
 
 import numpy as np
@@ -125,55 +126,56 @@ def connected(
 
 def _first(situation: Situation) -> Advice:
     """Before anything was seen; and all that can be said to somebody with one camera."""
-    first = situation.cameras[0]
-    if len(situation.cameras) == 1:
-        return Advice("show", f"hold the sheet in front of {first}, tilted this way and that", (first,))
-    if len(situation.cameras) == 2:
-        pair = situation.cameras
-        groups = ((pair[0],), (pair[1],))
-        return Advice("connect", f"hold the sheet where {pair[0]} and {pair[1]} both see it", pair, groups=groups)
-    sentence = f"hold the sheet where {first} and the camera next to it both see it"
-    return Advice("connect", sentence, (first,), groups=((first,), situation.cameras[1:]))
+    cameras = situation.cameras
+    if len(cameras) == 1:
+        return Advice("show", f"hold the sheet in front of {cameras[0]}, tilted this way and that", cameras)
+    return _shared(*_likeliest(situation, list(combinations(cameras, 2))), "")
 
 
 def _connect(situation: Situation, parts: Sequence[tuple[str, ...]]) -> Advice:
-    """The cameras of different groups that should see one sheet together.
-
-    Somebody in the room sees which cameras stand next to each other; the sentence leaves them that choice.
-    """
+    """The cameras of different groups that should see one sheet together."""
     seen_by = {view.camera for view in situation.views}
-    lone = [part[0] for part in parts[1:] if len(part) == 1 and frozenset(part) not in situation.refused_pairs]
-    if lone and len(situation.cameras) > 2:
-        camera = min(lone, key=lambda name: (name in seen_by, situation.cameras.index(name)))
+    lone = [part[0] for part in parts[1:] if len(part) == 1]
+    pairs = [(camera, other) for camera in lone for other in situation.cameras if other != camera]
+    if any(frozenset(pair) not in situation.refused_pairs for pair in pairs) and len(situation.cameras) > 2:
+        # Cameras that saw nothing come first, in their order, those that were asked in vain behind the others.
+        tries = {camera: sum(camera in pair for pair in situation.refused_pairs) for camera in lone}
+        camera = min(lone, key=lambda name: (tries[name], name in seen_by, situation.cameras.index(name)))
         said = "shares nothing with the others" if camera in seen_by else "has not seen the sheet"
-        where = f"where {camera} and the camera next to it both see it"
-        others = tuple(name for name in situation.cameras if name != camera)
-        return Advice(
-            "connect", f"{camera} {said} yet: hold the sheet {where}", (camera,), groups=((camera,), others)
-        )
+        return _shared(*_likeliest(situation, [p for p in pairs if p[0] == camera]), f"{camera} {said} yet: ")
     groups = (parts[0], parts[1])
     if len(parts[0]) > 1 and not _refused_groups(situation, groups):
         first, second = (" or ".join(part) if len(part) < 4 else f"{part[0]} to {part[-1]}" for part in groups)
         sentence = f"hold the sheet where one of {first} and one of {second} both see it: they share nothing yet"
         return Advice("connect", sentence, tuple(sorted((*parts[0], *parts[1]))), groups=groups)
     pairs = [(a, b) for k, part in enumerate(parts) for other in parts[k + 1 :] for a in part for b in other]
-    open_pairs = [pair for pair in pairs if frozenset(pair) not in situation.refused_pairs]
-    first, second = min(open_pairs or pairs, key=lambda pair: _apart(situation, *pair))
-    sentence = f"{first} and {second} share nothing yet: hold the sheet where both see it"
+    first, second = _likeliest(situation, pairs)
+    return _shared(first, second, f"{first} and {second} share nothing yet: ")
+
+
+def _shared(first: str, second: str, why: str) -> Advice:
+    sentence = f"{why}hold the sheet where {first} and {second} both see it"
     return Advice("connect", sentence, (first, second), groups=((first,), (second,)))
+
+
+def _likeliest(situation: Situation, pairs: Sequence[tuple[str, str]]) -> tuple[str, str]:
+    """Of pairs of cameras the one that most likely sees one place, but for those that were asked in vain. Where
+    nothing was seen yet, neighbours in the order of cameras: people number them along the wall."""
+    open_pairs = [pair for pair in pairs if frozenset(pair) not in situation.refused_pairs]
+    return min(open_pairs or pairs, key=lambda pair: _apart(situation, *pair))
 
 
 def _refused_groups(situation: Situation, groups: tuple[tuple[str, ...], ...]) -> bool:
     return frozenset((*groups[0], *groups[1])) in situation.refused_pairs
 
 
-def _apart(situation: Situation, first: str, second: str) -> tuple[float, int, int]:
+def _apart(situation: Situation, first: str, second: str) -> tuple[float, int, int, int]:
     """Framesets between the nearest Views of one moving sheet in both (a sheet on its way from one picture to the
-    other passes where they meet), then the order of the cameras."""
+    other passes where they meet), then how far apart they are in the order of the cameras, then the order."""
     times = {camera: [v.frameset for v in situation.views if v.camera == camera] for camera in (first, second)}
     gaps = [abs(a - b) for a in times[first] for b in times[second]]
-    order = situation.cameras.index
-    return (float(min(gaps, default=10**9)), order(first), order(second))
+    one, other = situation.cameras.index(first), situation.cameras.index(second)
+    return (float(min(gaps, default=10**9)), abs(one - other), one, other)
 
 
 def _unplaced(situation: Situation) -> Advice:

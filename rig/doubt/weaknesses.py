@@ -69,14 +69,21 @@ def _covered(rig: Rig) -> list[str]:
 
 
 def _clocks(rig: Rig) -> list[str]:
-    off = [c for c in rig.cameras if abs(c.clock_offset) > _NOTABLE_OFFSET]
-    if not off:
+    """Clocks against that of the camera that agrees with most others; only differences can be known."""
+    known = [camera for camera in rig.cameras if camera.clock_offset]
+    if not known:
         return []
+    offsets = np.array([camera.clock_offset for camera in known])
+    base = int(np.argmin(np.abs(offsets[:, None] - offsets).sum(axis=0)))
     when = [
-        f"{c.name} {1000 * abs(c.clock_offset):.0f} ms {'later' if c.clock_offset > 0 else 'earlier'}" for c in off
+        f"{1000 * abs(late):.0f} ms {'later' if late > 0 else 'earlier'} by {camera.name}"
+        for camera, late in zip(known, (offsets - offsets[base]).tolist(), strict=True)
+        if abs(late) > _NOTABLE_OFFSET
     ]
+    if not when:
+        return []
     return [
-        f"pictures were taken not when their stamps say, but, against the mean of the cameras: {_listed(when)}; "
+        f"clocks disagree: against {known[base].name}, pictures of the same stamp were taken {_listed(when)}; "
         "allowed for here, but other software will not know"
     ]
 

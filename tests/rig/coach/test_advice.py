@@ -170,10 +170,10 @@ def test_cameras_are_brought_together_from_the_first_word():
     cameras, middle = four_cameras()
     rng = np.random.default_rng(6)
     views = views_of(cameras, [waved(rng, cameras, middle) for _ in range(20)])
-    assert advise(situation_of(cameras)).sentence == "hold the sheet where cam0 and the camera next to it both see it"
+    assert advise(situation_of(cameras)).sentence == "hold the sheet where cam0 and cam1 both see it"
     only_first = [v for v in views if v.camera == "cam0"]
     assert advise(situation_of(cameras, views=only_first)).sentence == (
-        "cam1 has not seen the sheet yet: hold the sheet where cam1 and the camera next to it both see it"
+        "cam1 has not seen the sheet yet: hold the sheet where cam1 and cam0 both see it"
     )
     apart = [replace(v, frameset=100 * int(v.camera[-1] in "23") + v.frameset) for v in views]
     assert connected([c.name for c in cameras], apart, [SHEET]) == (("cam0", "cam1"), ("cam2", "cam3"))
@@ -187,6 +187,23 @@ def test_cameras_are_brought_together_from_the_first_word():
     assert "share nothing yet: hold the sheet where both see it" in pair.sentence
     other = advise(situation_of(cameras, views=apart, refused_pairs=in_vain | {frozenset(pair.cameras)}))
     assert set(other.cameras) != set(pair.cameras)
+
+
+def test_pairs_that_were_asked_in_vain_come_last():
+    cameras, _ = four_cameras()
+    asked: list[frozenset[str]] = []
+    for _ in range(6):
+        advice = advise(situation_of(cameras, refused_pairs=frozenset(asked)))
+        asked.append(frozenset(advice.cameras))
+        assert all(name in advice.sentence for name in advice.cameras)
+    assert len(set(asked)) == 6
+    # Of lone cameras each is asked for before one is asked for twice.
+    views = [View("sheet", SHEET.corners, SHEET.corners[:, :2], "cam0", 0)]
+    asked = []
+    for _ in range(6):
+        asked.append(frozenset(advise(situation_of(cameras, views=views, refused_pairs=frozenset(asked))).cameras))
+    assert len(set(asked)) == 6
+    assert all(any(camera in pair for pair in asked[:3]) for camera in ("cam1", "cam2", "cam3"))
 
 
 def test_a_static_sheet_connects_cameras_across_framesets():

@@ -88,6 +88,7 @@ def test_offsets_are_found_and_cost_little():
     rig = calibrate(INPUTS, [BOARD], views, "a")
     found = np.array([rig.camera(name).clock_offset for name in NAMES])
     assert found - found[0] == pytest.approx(OFFSETS, abs=0.5e-3)
+    assert any("against a, pictures of the same stamp were taken 40 ms later by b and 27 ms" in w for w in rig.weak)
     assert rig.noise == pytest.approx(NOISE, rel=0.05)
     plain = calibrate(INPUTS, [BOARD], [replace(view, time=float("nan")) for view in views], "a")
     ideal = calibrate(INPUTS, [BOARD], together(1), "a")
