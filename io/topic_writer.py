@@ -12,12 +12,11 @@ class TopicWriter:
         self,
         stream: BinaryIO,
         compression: Literal["none", "lz4", "zstd"] = "none",
-        chunk_bytes: int = 1024 * 1024,
         profile: str = "",
     ) -> None:
         from mcap.writer import CompressionType, Writer
 
-        self._writer = Writer(stream, chunk_size=chunk_bytes, compression=CompressionType[compression.upper()])
+        self._writer = Writer(stream, compression=CompressionType[compression.upper()])
         self._writer.start(profile=profile, library="quadrig")
         self._channels: dict[str, int] = {}
 
@@ -46,6 +45,10 @@ class TopicWriter:
     def add_metadata(self, name: str, values: dict[str, str]) -> None:
         """Add words by name."""
         self._writer.add_metadata(name, values)
+
+    def flush(self) -> None:
+        """Hand what was written to the operating system, so that it stays when this process is killed."""
+        self._writer.flush()
 
     def finish(self) -> None:
         """Write what is left, and the index."""

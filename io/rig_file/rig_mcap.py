@@ -60,7 +60,7 @@ def write_rig(path: Path | str, rig: Rig, config_text: str = "", times: Sequence
     first = min(times, default=0)
     with written_beside(path) as beside, beside.open("wb") as stream:
         # The record repeats itself much (the same board points in each View): zstd takes it to a quarter.
-        writer = TopicWriter(stream, "zstd", profile="quadrig")
+        writer = TopicWriter(stream, "zstd", "quadrig")
         for camera in rig.cameras:
             writer.write_protobuf(f"/{camera.name}/camera_info", _calibration(camera, first), first)
         for time, transforms in _transforms(rig, times):

@@ -25,9 +25,6 @@ DETECTIONS_TOPIC = "/quadrig/detections"
 FORMAT = 3
 """Raised when detection or this record changes, so that old files are not taken for new ones."""
 
-# A few images' worth: what is lost when the process is killed.
-_CHUNK_BYTES = 16 * 1024
-
 
 class ImageRecord(msgspec.Struct):
     """What was found in one image of one camera; views is None where the image could not be read."""
@@ -72,7 +69,7 @@ class DetectionWriter:
 
     def __init__(self, stream: BinaryIO, keys: Mapping[str, str]) -> None:
         self._keys = keys
-        self._writer = TopicWriter(stream, "lz4", _CHUNK_BYTES)
+        self._writer = TopicWriter(stream, "lz4")
         self._writer.declare_json(DETECTIONS_TOPIC, "quadrig.ImageDetections")
 
     def write(self, camera: str, image: int, stamp: int, views: Sequence[View] | None) -> None:
@@ -82,6 +79,10 @@ class DetectionWriter:
         self._writer.write_json(DETECTIONS_TOPIC, msgspec.json.encode(record), stamp)
         if views:
             self._writer.write_protobuf(f"/{camera}/annotations", _annotations(views, stamp), stamp)
+
+    def flush(self) -> None:
+        """Keep what was written so far, also when this process is killed."""
+        self._writer.flush()
 
     def finish(self) -> None:
         """Write the index."""
@@ -108,6 +109,7 @@ def keep_detections(
             writer = DetectionWriter(stream, keys)
             for (camera, image), views in kept.items():
                 writer.write(camera, image, int(stamps[camera][image]), views)
+            writer.flush()
             # From here on this file has all that the former partial one had.
             beside.replace(partial)
             try:

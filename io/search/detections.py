@@ -130,6 +130,8 @@ def _search(
                     found[batch.camera, image] = views
                     if writer is not None:
                         writer.write(batch.camera, image, int(stamps[batch.camera][image]), views)
+                if writer is not None:
+                    writer.flush()
                 done += len(batch.images)
                 advance(len(batch.images))
     except KeyboardInterrupt:
