@@ -280,7 +280,7 @@ def _calibration(
     noise = excess * float(np.sqrt(np.mean([view.sigma**2 for view in views])))
     relative = float(np.sqrt(fit.lens_covariance[0, 0])) / fit.intrinsics.focal
     knowable = given.focal is not None or NORMAL_95 * relative < 1
-    twins = _twins(views[0], given, fit, noise) if len(views) == 1 else None
+    twins = _twins(views[0], fit, noise) if len(views) == 1 else None
     square = np.concatenate([(r**2).sum(axis=-1) for r in fit.residuals])
     return Calibration(
         fit.intrinsics,
@@ -298,7 +298,7 @@ def _calibration(
     )
 
 
-def _twins(view: View, given: _Given, fit: LensFit, noise: float) -> Twins:
+def _twins(view: View, fit: LensFit, noise: float) -> Twins:
     """Both tilts at the lens found, from pixels freed of its distortion."""
     lens = fit.intrinsics
     rays = lens.unproject(view.pixels)

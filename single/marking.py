@@ -66,8 +66,8 @@ Marking = TagMarking | CharucoMarking | ChessboardMarking | PlainMarking | Point
 def board_points(columns: int, rows: int, square: float) -> Floats:
     """Inner corners ((columns-1)(rows-1), 3) of a board of columns x rows squares, metres, row by row from the
     top left, in the frame of the whole board's rectangle."""
-    x = (np.arange(1, columns) - columns / 2) * square
-    y = (np.arange(1, rows) - rows / 2) * square
+    x = (np.arange(1, columns, dtype=float) - columns / 2) * square
+    y = (np.arange(1, rows, dtype=float) - rows / 2) * square
     grid_y, grid_x = np.meshgrid(y, x, indexing="ij")
     return np.stack([grid_x.ravel(), grid_y.ravel(), np.zeros(grid_x.size)], axis=-1)
 

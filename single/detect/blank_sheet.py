@@ -3,8 +3,9 @@
 import cv2
 import numpy as np
 
-from quadrig.single.arrays import Floats
+from quadrig.single.arrays import Floats, Ints, Picture
 from quadrig.single.detect.edge_fit import fit_outline
+from quadrig.single.detect.pictures import reduced
 from quadrig.single.lens import image_middle
 from quadrig.single.rectangle import Rectangle
 from quadrig.single.view import View
@@ -27,7 +28,7 @@ _SURELY_WRONG = 0.15
 _MODEL_SIGMA = 0.05
 
 
-def detect_plain(grey: Floats, rectangle: Rectangle) -> View | None:
+def detect_plain(grey: Picture, rectangle: Rectangle) -> View | None:
     """The View of the one blank sheet in the image, wholly in sight, or None where there is none or no telling.
 
     A blank sheet looks the same after half a turn, a square one after a quarter: the reading nearest to upright in
@@ -51,29 +52,29 @@ def detect_plain(grey: Floats, rectangle: Rectangle) -> View | None:
     )
 
 
-def _candidates(grey: Floats) -> list[Floats]:
+def _candidates(grey: Picture) -> list[Floats]:
     """Rough convex quadrilaterals (4, 2) px, clockwise, that any threshold cuts out of the picture."""
     scale = min(1.0, _SEARCH_SIDE / max(grey.shape))
-    small = cv2.resize(grey, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA) if scale < 1 else grey
-    small = cv2.GaussianBlur(small, (0, 0), 1.0)
+    small = cv2.GaussianBlur(reduced(grey, scale), (0, 0), 1.0)
     low, high = np.percentile(small, [1, 99])
     quads: list[Floats] = []
     for threshold in np.linspace(low, high, 16)[1:-1]:
         _, mask = cv2.threshold(small, float(threshold), 255, cv2.THRESH_BINARY)
         contours, _ = cv2.findContours(mask, cv2.RETR_LIST, cv2.CHAIN_APPROX_SIMPLE)
         for contour in contours:
-            quad = _quad(contour, small.shape)
+            quad = _quad(np.asarray(contour, np.int32), small.shape)
             if quad is not None and not any(np.abs(quad - other).max() < 3 for other in quads):
                 quads.append(quad)
     return [(quad + 0.5) / scale - 0.5 for quad in quads]
 
 
-def _quad(contour: Floats, shape: tuple[int, ...]) -> Floats | None:
+def _quad(contour: Ints, shape: tuple[int, ...]) -> Floats | None:
     hull = cv2.convexHull(contour)
     area = cv2.contourArea(contour)
     if area < _LEAST_AREA * shape[0] * shape[1] or area < 0.9 * cv2.contourArea(hull):
         return None
-    polygon = cv2.approxPolyDP(hull, 0.02 * cv2.arcLength(hull, True), True).reshape(-1, 2).astype(float)
+    bend = 0.02 * cv2.arcLength(hull, closed=True)
+    polygon = cv2.approxPolyDP(hull, bend, closed=True).reshape(-1, 2).astype(float)
     if len(polygon) != 4 or cv2.contourArea(polygon.astype(np.float32)) < 0.92 * area:
         return None
     if (polygon < 2).any() or (polygon > np.array(shape[::-1]) - 3).any():
@@ -82,7 +83,7 @@ def _quad(contour: Floats, shape: tuple[int, ...]) -> Floats | None:
     return polygon if turn > 0 else polygon[::-1].copy()
 
 
-def _fit(grey: Floats, quad: Floats) -> tuple[Floats, float] | None:
+def _fit(grey: Picture, quad: Floats) -> tuple[Floats, float] | None:
     corners = quad[None]
     span = np.linalg.norm(np.roll(quad, -1, axis=0) - quad, axis=1).min()
     # First wide, since the search was coarse, then close to the edge, where the ground's texture counts less.
@@ -101,7 +102,7 @@ def _fit(grey: Floats, quad: Floats) -> tuple[Floats, float] | None:
     return corners[0], float(np.sqrt(np.mean(sigma**2)))
 
 
-def _blank(grey: Floats, corners: Floats, contrast: float) -> bool:
+def _blank(grey: Picture, corners: Floats, contrast: float) -> bool:
     """Whether what lies within is of one tone, but for a slow change of light."""
     size = 48
     inset = corners.mean(axis=0) + 0.92 * (corners - corners.mean(axis=0))
@@ -119,10 +120,10 @@ def _blank(grey: Floats, corners: Floats, contrast: float) -> bool:
 def _undisputed(fitted: list[tuple[Floats, float]]) -> tuple[Floats, float] | None:
     if not fitted:
         return None
-    corners, _ = fitted[0]
-    area = cv2.contourArea(corners.astype(np.float32))
+    largest = fitted[0][0].astype(np.float32)
+    area = cv2.contourArea(largest)
     for other, _ in fitted[1:]:
-        apart = cv2.pointPolygonTest(corners.astype(np.float32), tuple(other.mean(axis=0).tolist()), False) < 0
+        apart = cv2.pointPolygonTest(largest, tuple(other.mean(axis=0).tolist()), measureDist=False) < 0
         if apart and cv2.contourArea(other.astype(np.float32)) > _RIVAL * area:
             return None
     return fitted[0]

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from quadrig.single.arrays import Floats
+from quadrig.single.arrays import Floats, Mask
 from quadrig.single.detect.corner_fit import CornerFit
 
 # A corner whose fit leaves more than this share of its contrast unexplained (rms) is covered, torn or no corner.
@@ -13,30 +13,32 @@ _LEAST_CONTRAST = 12.0
 # sigma (px) above which a corner says too little to be worth the risk.
 _WORST_SIGMA = 0.5
 # A corner this many px from the middle of its window is fitted again in a window of its own.
-_RECENTRE = 1.5
+RECENTRE = 1.5
 # px that the model is wrong by on real lenses, added to what noise explains.
 _MODEL_SIGMA = 0.02
 # Largest window (px): farther out the lens bends the squares' edges.
 _WIDEST = 7.0
 
 
-def _window(axes: Floats) -> Floats:
+def corner_window(axes: Floats) -> Floats:
     """Radius in px that holds the four squares of a corner and nothing beyond them."""
     area = np.abs(np.linalg.det(axes))
     across = area / np.max(np.linalg.norm(axes, axis=2), axis=1)
     return np.clip(0.7 * across, 2.0, _WIDEST)
 
 
-def _good(fit: CornerFit) -> Floats:
+def good_corners(fit: CornerFit) -> Mask:
+    """Which corners are well explained and sure enough to be used."""
     strength = np.abs(fit.contrast)
     explained = fit.noise < _UNEXPLAINED * strength
     return explained & (strength > _LEAST_CONTRAST) & (fit.sigma < _WORST_SIGMA) & np.isfinite(fit.pixels).all(axis=1)
 
 
-def _alike(fit: CornerFit) -> Floats:
+def alike_corners(fit: CornerFit) -> Mask:
     """Which corners leave about as much unexplained as their fellows: one with much more is touched by something."""
     return fit.noise < np.maximum(3 * np.median(fit.noise), _ALWAYS_EXPLAINED * np.abs(fit.contrast))
 
 
-def _view_sigma(sigma: Floats) -> float:
+def view_sigma(sigma: Floats) -> float:
+    """Standard deviation (px) of a View's pixel coordinates from those of its corners."""
     return float(np.hypot(np.sqrt(np.mean(sigma**2)), _MODEL_SIGMA))

@@ -3,8 +3,8 @@
 import cv2
 import numpy as np
 
-from quadrig.single.arrays import Floats
-from quadrig.single.detect.board_corners import _RECENTRE, _alike, _good, _view_sigma, _window
+from quadrig.single.arrays import Floats, Ints, Mask, Picture
+from quadrig.single.detect.board_corners import RECENTRE, alike_corners, corner_window, good_corners, view_sigma
 from quadrig.single.detect.corner_fit import fit_corners
 from quadrig.single.detect.dictionaries import canonical_dictionary, check_tag_id
 from quadrig.single.detect.local_homography import local_homographies, mapped
@@ -27,7 +27,7 @@ _PLANE = 2.0
 # --------------------------------------------------------------------------------------------------- ChArUco boards
 
 
-def detect_charuco(grey: Floats, rectangle: Rectangle, found: dict[int, list[Floats]]) -> View | None:
+def detect_charuco(grey: Picture, rectangle: Rectangle, found: dict[int, list[Floats]]) -> View | None:
     """The View of a ChArUco board from the rough corners of the tags found, by id, or None.
 
     grey: light squares lighter than dark ones; an inverted board is given on the inverted image. At least four
@@ -59,10 +59,10 @@ def detect_charuco(grey: Floats, rectangle: Rectangle, found: dict[int, list[Flo
     if not _spans_plane(points[good] / marking.square):
         return None
     flat = np.concatenate([points, np.zeros((len(points), 1))], axis=1)
-    return View(rectangle.name, flat[good], pixels_found[good], sigma=_view_sigma(sigma[good]))
+    return View(rectangle.name, flat[good], pixels_found[good], sigma=view_sigma(sigma[good]))
 
 
-def _on_one_plane(points: Floats, pixels: Floats) -> Floats:
+def _on_one_plane(points: Floats, pixels: Floats) -> Mask:
     """Which corners lie on one board with most; where a lens bends it, the others are found again from these."""
     if len(points) < 6:
         return np.ones(len(points), bool)
@@ -117,8 +117,8 @@ def _agreeing(tags: Floats, pixels: Floats) -> tuple[Floats, Floats]:
 
 
 def _predict(
-    points: Floats, known: Floats, pixels: Floats, marking: CharucoMarking, shape, reach: float
-) -> tuple[Floats, Floats, Floats]:
+    points: Floats, known: Floats, pixels: Floats, marking: CharucoMarking, shape: tuple[int, ...], reach: float
+) -> tuple[Floats, Floats, Mask]:
     """Where board points (P, 2) should appear, by the homography of the known points nearest to each.
 
     Returns places (P, 2) px, axes (P, 2, 2) px of one square's sides, and which places are within reach (in squares)
@@ -133,12 +133,13 @@ def _predict(
     whole = local_homographies(
         ((known[None] - points[:, None]) / square), np.broadcast_to(pixels, (len(points), *pixels.shape))
     )
-    far = (np.take_along_axis(distance, near[:, -1:], axis=1)[:, 0] > 2.5 * square) | np.isnan(local).any(axis=(1, 2))
+    alone = np.take_along_axis(distance, near[:, -1:], axis=1)[:, 0] > 2.5 * square
+    far = alone | np.isnan(local).any(axis=(1, 2))
     homography = np.where(far[:, None, None], whole, local)
     seen = mapped(homography, np.array([[0, 0], [0.25, 0], [-0.25, 0], [0, 0.25], [0, -0.25]]))
     places = seen[:, 0]
     axes = 2 * np.stack([seen[:, 1] - seen[:, 2], seen[:, 3] - seen[:, 4]], axis=1)
-    known_well = np.isfinite(seen).all(axis=(1, 2))
+    known_well = np.all(np.isfinite(seen), axis=(1, 2))
     places = np.where(known_well[:, None], places, -1e3)
     axes = np.where(known_well[:, None, None], axes, np.eye(2))
     trusted = distance.min(axis=1) < reach * square
@@ -146,37 +147,39 @@ def _predict(
     return places, axes, known_well & trusted & inside & (np.linalg.det(axes) > 4)
 
 
-def _fit_charuco(grey: Floats, marking: CharucoMarking, places: Floats, axes: Floats, wanted: Floats):
+def _fit_charuco(
+    grey: Picture, marking: CharucoMarking, places: Floats, axes: Floats, wanted: Mask
+) -> tuple[Floats, Floats, Mask]:
     """Corners (P, 2), sigma (P,) and which (P,) of the wanted ones are sure."""
     pixels, sigma, good = places.copy(), np.full(len(places), np.inf), np.zeros(len(places), bool)
     index = np.flatnonzero(wanted)
     if not len(index):
         return pixels, sigma, good
     clear = (1 - marking.marker / marking.square) / 2
-    fit = fit_corners(grey, places[index], axes[index], _window(axes[index]), clear)
+    fit = fit_corners(grey, places[index], axes[index], corner_window(axes[index]), clear)
     shift = fit.pixels - places[index]
     far = np.linalg.norm(shift, axis=1)
-    again = np.flatnonzero(far > _RECENTRE)
+    again = np.flatnonzero(far > RECENTRE)
     if len(again):
         # The window follows the corner, a few pixels at most, so that it holds the four squares evenly.
         here = places[index[again]] + shift[again] * np.minimum(1, 4 / far[again, None])
         own_axes = axes[index[again]]
-        fit = fit.changed(again, fit_corners(grey, here, own_axes, _window(own_axes), clear))
+        fit = fit.changed(again, fit_corners(grey, here, own_axes, corner_window(own_axes), clear))
     side = np.linalg.norm(axes[index], axis=2).min(axis=1)
     moved = np.linalg.norm(fit.pixels - places[index], axis=1)
-    sure = _good(fit) & _alike(fit) & (moved < np.maximum(1.5, 0.2 * side))
+    sure = good_corners(fit) & alike_corners(fit) & (moved < np.maximum(1.5, 0.2 * side))
     sure &= np.sign(fit.contrast) == _expected_signs(marking)[index]
     pixels[index], sigma[index], good[index] = fit.pixels, fit.sigma, sure
     return pixels, sigma, good
 
 
-def _expected_signs(marking: CharucoMarking) -> Floats:
+def _expected_signs(marking: CharucoMarking) -> Ints:
     rows, columns = np.meshgrid(np.arange(marking.rows - 1), np.arange(marking.columns - 1), indexing="ij")
     black_first = -1 if starts_with_tag(marking) else 1
     return (black_first * (1 - 2 * ((rows + columns) % 2))).ravel()
 
 
-def _smooth(points: Floats, pixels: Floats, good: Floats, square: float) -> Floats:
+def _smooth(points: Floats, pixels: Floats, good: Mask, square: float) -> Mask:
     """Which corners agree with the homography of their neighbours: a corner on a wrong edge does not."""
     keep = good.copy()
     index = np.flatnonzero(good)

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from quadrig.single.arrays import Floats
-from quadrig.single.detect.board_corners import _RECENTRE, _good, _view_sigma, _window
+from quadrig.single.arrays import Floats, Ints, Picture
+from quadrig.single.detect.board_corners import RECENTRE, corner_window, good_corners, view_sigma
 from quadrig.single.detect.corner_fit import CornerFit, fit_corners
 from quadrig.single.detect.saddle_grid import find_saddle_grid
 from quadrig.single.marking import ChessboardMarking, board_points
@@ -19,7 +19,7 @@ _SMALLEST_SQUARE = 5.0
 # ---------------------------------------------------------------------------------------------------- chessboards
 
 
-def detect_chessboard(grey: Floats, rectangle: Rectangle, rough: Floats | None = None) -> View | None:
+def detect_chessboard(grey: Picture, rectangle: Rectangle, rough: Floats | None = None) -> View | None:
     """The View of a chessboard whose corners are all in sight, or None.
 
     The board's top left square is black. A board of columns + rows even looks the same after half a turn, a square
@@ -40,7 +40,7 @@ def detect_chessboard(grey: Floats, rectangle: Rectangle, rough: Floats | None =
     pixels = fit.pixels.reshape(grid.shape)
     if _goes_on(grey, pixels, fit):
         return None
-    readings = _readings(marking, pixels, signs)
+    readings = _readings(pixels, signs)
     points = board_points(marking.columns, marking.rows, marking.square)
     order = readings[0]
     back = np.argsort(order)
@@ -49,7 +49,7 @@ def detect_chessboard(grey: Floats, rectangle: Rectangle, rough: Floats | None =
         points,
         pixels.reshape(-1, 2)[back],
         alternatives=tuple(points[other[back]] for other in readings[1:]),
-        sigma=_view_sigma(fit.sigma),
+        sigma=view_sigma(fit.sigma),
     )
 
 
@@ -65,12 +65,12 @@ def _grid_axes(grid: Floats) -> Floats:
     return np.stack([np.gradient(grid, axis=1), np.gradient(grid, axis=0)], axis=2)
 
 
-def _fit_grid(grey: Floats, grid: Floats, axes: Floats) -> CornerFit:
+def _fit_grid(grey: Picture, grid: Floats, axes: Floats) -> CornerFit:
     flat_axes = axes.reshape(-1, 2, 2)
-    fit = fit_corners(grey, grid.reshape(-1, 2), flat_axes, _window(flat_axes))
+    fit = fit_corners(grey, grid.reshape(-1, 2), flat_axes, corner_window(flat_axes))
     moved = np.linalg.norm(fit.pixels - grid.reshape(-1, 2), axis=1)
-    if np.max(moved, initial=0.0) > _RECENTRE:
-        fit = fit_corners(grey, fit.pixels, flat_axes, _window(flat_axes))
+    if np.max(moved, initial=0.0) > RECENTRE:
+        fit = fit_corners(grey, fit.pixels, flat_axes, corner_window(flat_axes))
     return fit
 
 
@@ -79,10 +79,10 @@ def _all_sure(fit: CornerFit, grid: Floats, axes: Floats) -> bool:
     side = np.linalg.norm(axes.reshape(-1, 2, 2), axis=2).min(axis=1)
     # A corner that ran a third of a square away went to another edge.
     near = np.all(moved < np.maximum(1.5, 0.33 * side))
-    return bool(near and np.all(_good(fit)) and np.min(side) > _SMALLEST_SQUARE)
+    return bool(near and np.all(good_corners(fit)) and np.min(side) > _SMALLEST_SQUARE)
 
 
-def _goes_on(grey: Floats, grid: Floats, fit: CornerFit) -> bool:
+def _goes_on(grey: Picture, grid: Floats, fit: CornerFit) -> bool:
     """Whether a row of corners follows beyond the grid's edge: then it is a part of a larger board."""
     contrast, noise, blur = np.abs(fit.contrast).mean(), np.median(fit.noise), np.median(fit.blur)
     for turned in (grid, grid[::-1], np.swapaxes(grid, 0, 1), np.swapaxes(grid, 0, 1)[::-1]):
@@ -91,13 +91,13 @@ def _goes_on(grey: Floats, grid: Floats, fit: CornerFit) -> bool:
         inside = ((beyond > 3) & (beyond < np.array(grey.shape[::-1]) - 4)).all(axis=1)
         if np.count_nonzero(inside) < _ENOUGH_OF_A_ROW * len(beyond):
             continue
-        more = fit_corners(grey, beyond[inside], axes[inside], _window(axes[inside]))
+        more = fit_corners(grey, beyond[inside], axes[inside], corner_window(axes[inside]))
         side = np.linalg.norm(axes[inside], axis=2).min(axis=1)
         near = np.linalg.norm(more.pixels - beyond[inside], axis=1) < np.maximum(1.5, 0.15 * side)
         # The ends of the outermost black squares look like soft, noisy corners; true ones are like their fellows.
         same = (np.abs(more.contrast) > 0.5 * contrast) & (more.noise < np.maximum(2.5 * noise, 0.04 * contrast))
         same &= more.blur < 1.5 * blur + 0.3
-        if np.count_nonzero(_good(more) & near & same) >= _ENOUGH_OF_A_ROW * len(beyond):
+        if np.count_nonzero(good_corners(more) & near & same) >= _ENOUGH_OF_A_ROW * len(beyond):
             return True
     return False
 
@@ -109,7 +109,7 @@ def _colour_signs(fit: CornerFit, shape: tuple[int, ...]) -> int:
     return int(signs[0, 0]) if np.all(signs == signs[0, 0]) else 0
 
 
-def _readings(marking: ChessboardMarking, pixels: Floats, sign: int) -> list[Floats]:
+def _readings(pixels: Floats, sign: int) -> list[Ints]:
     """For each reading, the board's point index of every corner in the grid's order; the most upright first."""
     rows, columns = pixels.shape[:2]
     index = np.arange(rows * columns).reshape(rows, columns)

@@ -3,24 +3,21 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-import cv2
-import numpy as np
-
-from quadrig.single.arrays import Floats
+from quadrig.single.arrays import Picture
 from quadrig.single.detect.blank_sheet import detect_plain
 from quadrig.single.detect.charuco import check_board_rectangle, detect_charuco
 from quadrig.single.detect.chessboard import detect_chessboard
+from quadrig.single.detect.pictures import grey_image, window_around
 from quadrig.single.detect.tag import check_tag_rectangle, detect_tags, find_tags, track_tags
 from quadrig.single.errors import QuadrigError
 from quadrig.single.marking import CharucoMarking, ChessboardMarking, PlainMarking, TagMarking, charuco_tag_squares
 from quadrig.single.rectangle import Rectangle
 from quadrig.single.view import View
 
-# A window around an earlier View reaches this share of its size, and px, beyond it.
-_REACH, _LEAST_REACH = 0.45, 24
 
-
-def detect_views(image: Floats, rectangles: Sequence[Rectangle], *, near: Sequence[View] | None = None) -> list[View]:
+def detect_views(
+    image: Picture, rectangles: Sequence[Rectangle], *, near: Sequence[View] | None = None
+) -> list[View]:
     """The Views of all rectangles that are surely in the image, in the order of the rectangles; [] where none is.
 
     image: uint8, (h, w) grey or (h, w, 3) blue green red. A tag gives its four corners in Eq. 4's order, a
@@ -49,7 +46,7 @@ def detect_views(image: Floats, rectangles: Sequence[Rectangle], *, near: Sequen
 
 
 def _of_dictionary(
-    grey: Floats, dictionary: str, members: Sequence[Rectangle], before: Mapping[str, View] | None
+    grey: Picture, dictionary: str, members: Sequence[Rectangle], before: Mapping[str, View] | None
 ) -> list[View]:
     """Views of the tags and ChArUco boards of one dictionary; near earlier Views where there are some."""
     tags = [r for r in members if isinstance(r.marking, TagMarking)]
@@ -68,45 +65,23 @@ def _of_dictionary(
     return views
 
 
-def _board_nearby(grey: Floats, dictionary: str, board: Rectangle, before: Mapping[str, View]) -> View | None:
+def _board_nearby(grey: Picture, dictionary: str, board: Rectangle, before: Mapping[str, View]) -> View | None:
     if board.name not in before:
         return None
-    window, corner = _window(grey, before[board.name])
+    window, corner = window_around(grey, before[board.name].pixels)
     # A board in motion is so blurred that only the slower passes find its tags; its window is small.
     tags = find_tags(window, dictionary, _wanted([board]), _board_ids([board]))
     found = {tag_id: [quad + corner for quad in quads] for tag_id, quads in tags.items()}
     return detect_charuco(grey, board, found)
 
 
-def _chessboard(grey: Floats, board: Rectangle, before: Mapping[str, View] | None) -> View | None:
+def _chessboard(grey: Picture, board: Rectangle, before: Mapping[str, View] | None) -> View | None:
     if before is not None and board.name in before:
-        window, corner = _window(grey, before[board.name])
+        window, corner = window_around(grey, before[board.name].pixels)
         view = detect_chessboard(window, board)
         if view is not None:
             return replace(view, pixels=view.pixels + corner)
     return detect_chessboard(grey, board)
-
-
-def _window(grey: Floats, view: View) -> tuple[Floats, Floats]:
-    """The part of the image around an earlier View, and the pixel (2,) at which it begins."""
-    low, high = view.pixels.min(axis=0), view.pixels.max(axis=0)
-    # Inner corners leave a square outside; a hand moves a board by a fraction of its size from picture to picture.
-    reach = _REACH * np.max(high - low) + _LEAST_REACH
-    low = np.clip(np.floor(low - reach), 0, None).astype(int)
-    high = np.ceil(high + reach).astype(int) + 1
-    return np.ascontiguousarray(grey[low[1] : high[1], low[0] : high[0]]), low.astype(float)
-
-
-def grey_image(image: Floats) -> Floats:
-    """The image (h, w) uint8 of a grey or blue-green-red one. Raises QuadrigError where it is neither."""
-    image = np.asarray(image)
-    if image.dtype != np.uint8 or image.ndim not in (2, 3) or (image.ndim == 3 and image.shape[2] not in (1, 3)):
-        raise QuadrigError(
-            f"an image of shape {image.shape} and type {image.dtype} cannot be searched; give 8-bit grey or colour"
-        )
-    if image.ndim == 2:
-        return image
-    return image[..., 0] if image.shape[2] == 1 else cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
 
 
 def check_rectangles(rectangles: Sequence[Rectangle]) -> None:

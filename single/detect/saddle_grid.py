@@ -9,7 +9,8 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from quadrig.single.arrays import Floats
+from quadrig.single.arrays import Floats, Ints, Mask, Picture, Singles
+from quadrig.single.detect.pictures import reduced
 
 # Blur (px) before the second derivatives: less than a third of the smallest square looked for, 6 px.
 _BLUR = 1.2
@@ -37,7 +38,7 @@ class Saddles:
     phase: Floats
 
 
-def find_saddle_grid(grey: Floats, columns: int, rows: int) -> Floats | None:
+def find_saddle_grid(grey: Picture, columns: int, rows: int) -> Floats | None:
     """Rough corners (rows, columns, 2) px of a board of columns x rows inner corners, or None.
 
     Which end comes first is left open. None where a larger board could be meant: only a whole board counts.
@@ -45,14 +46,14 @@ def find_saddle_grid(grey: Floats, columns: int, rows: int) -> Floats | None:
     for scale in (0.5, 1.0, 0.25):
         if min(grey.shape) * scale < 60:
             continue
-        image = cv2.resize(grey, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA) if scale < 1 else grey
+        image = reduced(grey, scale)
         grid = _grow_grid(find_saddles(image), columns, rows)
         if grid is not None:
             return (grid + 0.5) / scale - 0.5
     return None
 
 
-def find_saddles(grey: Floats) -> Saddles:
+def find_saddles(grey: Picture) -> Saddles:
     """All places of a grey image where the grey values form a saddle like a board's corner."""
     soft = cv2.GaussianBlur(grey, (0, 0), _BLUR).astype(np.float32)
     xx, yy = cv2.Sobel(soft, cv2.CV_32F, 2, 0), cv2.Sobel(soft, cv2.CV_32F, 0, 2)
@@ -72,7 +73,7 @@ def find_saddles(grey: Floats) -> Saddles:
     return Saddles(np.stack([x, y], axis=1)[keep].astype(float), phase[keep])
 
 
-def _circle(soft: Floats, x: Floats, y: Floats) -> tuple[Floats, Floats]:
+def _circle(soft: Singles, x: Ints, y: Ints) -> tuple[Floats, Mask]:
     """Angle of the twofold wave of the grey values around each place, and whether it is the wave of a saddle."""
     angles = 2 * np.pi * np.arange(16) / 16
     columns = np.rint(x[:, None] + _RADIUS * np.cos(angles)).astype(int)
@@ -108,7 +109,7 @@ def _grow_grid(saddles: Saddles, columns: int, rows: int) -> Floats | None:
     return None
 
 
-def _opposite(saddles: Saddles, index: int) -> Floats:
+def _opposite(saddles: Saddles, index: int) -> Mask:
     """Which saddles have bright and dark exchanged against this one."""
     return np.cos(saddles.phase - saddles.phase[index]) < -0.3
 
@@ -175,7 +176,7 @@ def _whole_board(grown: dict[tuple[int, int], int], places: Floats, columns: int
     return None
 
 
-def _window(lattice: Floats, places: Floats, columns: int, rows: int) -> Floats | None:
+def _window(lattice: Ints, places: Floats, columns: int, rows: int) -> Floats | None:
     if lattice.shape[0] < rows or lattice.shape[1] < columns:
         return None
     seen = (lattice >= 0).astype(int)

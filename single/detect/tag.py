@@ -6,9 +6,10 @@ from functools import lru_cache
 import cv2
 import numpy as np
 
-from quadrig.single.arrays import Floats
+from quadrig.single.arrays import Floats, Ints, Mask, Picture
 from quadrig.single.detect.dictionaries import canonical_dictionary, check_tag_id, tag_dictionary
 from quadrig.single.detect.edge_fit import EdgeFit, fit_outline
+from quadrig.single.detect.pictures import reduced
 from quadrig.single.marking import Marking, TagMarking
 from quadrig.single.rectangle import Rectangle
 from quadrig.single.view import View
@@ -67,7 +68,7 @@ def _detector(
 
 
 def find_tags(
-    grey: Floats,
+    grey: Picture,
     dictionary: str,
     wanted: Iterable[int] | None = None,
     boards: Iterable[frozenset[int]] = (),
@@ -83,8 +84,7 @@ def find_tags(
     missing = None if wanted is None else tuple(sorted(set(wanted)))
     found: dict[int, list[Floats]] = {}
     for scale, windows in _passes(max(grey.shape))[: 1 if quick else None]:
-        image = cv2.resize(grey, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA) if scale < 1 else grey
-        for tag_id, quads in _find_once(image, dictionary, missing, windows).items():
+        for tag_id, quads in _find_once(reduced(grey, scale), dictionary, missing, windows).items():
             if tag_id not in found:
                 found[tag_id] = [(quad + 0.5) / scale - 0.5 for quad in quads]
         if missing is not None:
@@ -105,7 +105,7 @@ def _passes(longer_side: int) -> list[tuple[float, tuple[int, int]]]:
 
 
 def _find_once(
-    image: Floats, dictionary: str, wanted: tuple[int, ...] | None, windows: tuple[int, int]
+    image: Picture, dictionary: str, wanted: tuple[int, ...] | None, windows: tuple[int, int]
 ) -> dict[int, list[Floats]]:
     # Rounded, so that windows of all sizes share few detectors.
     rate = max(_LEAST_PERIMETER_RATE, round(_LEAST_PERIMETER / max(image.shape), 2))
@@ -119,7 +119,7 @@ def _find_once(
 
 
 def detect_tags(
-    grey: Floats, rectangles: Sequence[Rectangle], found: dict[int, list[Floats]], followed: bool = False
+    grey: Picture, rectangles: Sequence[Rectangle], found: dict[int, list[Floats]], followed: bool = False
 ) -> list[View]:
     """Views of the tag rectangles, all of one dictionary, whose rough corners are among those found.
 
@@ -150,7 +150,7 @@ def detect_tags(
     ]
 
 
-def track_tags(grey: Floats, rectangles: Sequence[Rectangle], near: Mapping[str, View]) -> list[View]:
+def track_tags(grey: Picture, rectangles: Sequence[Rectangle], near: Mapping[str, View]) -> list[View]:
     """Views of the tags, all of one dictionary, that are within a few pixels of where they were seen before.
 
     near: earlier Views by rectangle. A tag must read as itself where it is found.
@@ -167,23 +167,22 @@ def track_tags(grey: Floats, rectangles: Sequence[Rectangle], near: Mapping[str,
     return [view for view in views if _reads_as(grey, view.pixels[_EQ4_FROM_OPENCV], markings[view.rectangle])]
 
 
-def _reads_as(grey: Floats, corners: Floats, marking: Marking) -> bool:
+def _reads_as(grey: Picture, corners: Floats, marking: Marking) -> bool:
     """Whether the cells within the corners (4, 2), top left first, show this tag's own bits."""
     assert isinstance(marking, TagMarking)
     dictionary = tag_dictionary(marking.dictionary)
     cells = dictionary.markerSize + 2
     bits = cv2.aruco.generateImageMarker(dictionary, marking.id, cells)[1:-1, 1:-1] > 127
-    unit = np.array([[0, 0], [cells, 0], [cells, cells], [0, cells]], np.float32)
-    image_from_cell = cv2.getPerspectiveTransform(unit, corners.astype(np.float32))
-    inner = np.arange(1, cells - 1) + 0.5
+    image_from_cell = _image_from_cell(corners, cells)
+    inner = np.arange(1.5, cells - 1, dtype=float)
     grid = np.stack(np.meshgrid(inner, inner), axis=-1).reshape(-1, 2)
     values = _sampled(grey, image_from_cell, grid)
     black, white = (np.nanmedian(_sampled(grey, image_from_cell, _ring(cells, depth))) for depth in (_IN, _OUT))
     wrong = np.count_nonzero((values > (black + white) / 2) != bits.ravel())
-    return wrong <= dictionary.maxCorrectionBits
+    return bool(wrong <= dictionary.maxCorrectionBits)
 
 
-def refine_tags(grey: Floats, rough: Floats, cells: int, still: bool = False) -> tuple[Floats, Floats, Floats]:
+def refine_tags(grey: Picture, rough: Floats, cells: int, still: bool = False) -> tuple[Floats, Floats, Mask]:
     """Corners (N, 4, 2) from rough ones, sigma (N,) px, and which (N,) are to be trusted.
 
     cells: along a side of the tag, its black border included. still: only those are to be trusted that stand
@@ -194,7 +193,7 @@ def refine_tags(grey: Floats, rough: Floats, cells: int, still: bool = False) ->
     levels = _levels(rough)
     groups = [np.flatnonzero(levels == 0), *np.flatnonzero(levels > 0)[:, None]]
     for group in (g for g in groups if len(g)):
-        corners[group], sigma[group], fit = _fit_from_level(grey, rough[group], cells, levels[group[0]], still)
+        corners[group], sigma[group], fit = _fit_from_level(grey, rough[group], cells, int(levels[group[0]]), still)
         sure[group] = _even_sides(fit, _cell(corners[group], cells))
         if still:
             sure[group] &= (fit.blur.reshape(-1, 4) < _SHARP).all(axis=1)
@@ -220,7 +219,7 @@ def _leak(fit: EdgeFit, corners: Floats, cells: int) -> Floats:
     return 0.18 * blur * np.exp(-((ratio / 3.6) ** 3))
 
 
-def _even_sides(fit: EdgeFit, cell: Floats) -> Floats:
+def _even_sides(fit: EdgeFit, cell: Floats) -> Mask:
     """Which tags (N,) have four sides that are alike: dark within, of like contrast, and none of them half hidden."""
     contrast, noise = fit.contrast.reshape(-1, 4), fit.noise.reshape(-1, 4)
     least = contrast.min(axis=1)
@@ -232,42 +231,48 @@ def _even_sides(fit: EdgeFit, cell: Floats) -> Floats:
     return even & ~hidden.any(axis=1) & ~fit.washed_out.reshape(-1, 4).any(axis=1)
 
 
-def _levels(corners: Floats) -> Floats:
+def _levels(corners: Floats) -> Ints:
     """How often the image is halved (N,) until the tag's mean side is near _FIT_SIDE px."""
     side = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2).mean(axis=1)
     return np.maximum(0, np.rint(np.log2(side / _FIT_SIDE))).astype(int)
 
 
-def _fit_from_level(grey: Floats, rough: Floats, cells: int, top: int, still: bool) -> tuple[Floats, Floats, EdgeFit]:
+def _fit_from_level(
+    grey: Picture, rough: Floats, cells: int, top: int, still: bool
+) -> tuple[Floats, Floats, EdgeFit]:
     """Corners (N, 4, 2), sigma (N, 4) and the last fit, from the coarse image of level `top` down to 0.
 
-    still: the rough corners are good to a pixel.
-
-    A wide-angle lens bows the side of a large tag by more than the close search spans; in a coarse image it does not.
+    still: the rough corners are good to a pixel. Coarse first, since a wide-angle lens bows the side of a large tag
+    by more than the close search spans.
     """
     origin, crop = _crop(grey, rough, 2**top)
-    corners, blur = rough - origin, np.zeros(rough.shape[:2])
-    bow = np.zeros_like(blur) if still else None
-    for level in range(top, -1, -1):
-        scale = 2**level
-        image = cv2.resize(crop, None, fx=1 / scale, fy=1 / scale, interpolation=cv2.INTER_AREA) if level else crop
-        small = (corners + 0.5) / scale - 0.5
-        cell = _cell(small, cells)
-        if bow is None:
-            # First wide enough for the rough corners' error, then close to the edge found.
-            first, _, fit = fit_outline(image, small, np.clip(0.6 * cell, 1.0, _WIDE), most=32)
-            small = np.where(np.isfinite(first), first, small)
-            bow, blur = (part.reshape(-1, 4) * scale for part in (fit.coefficients[:, 2], fit.blur))
-        close = np.clip(0.8 * cell, 1.0, np.maximum(_CLOSE, 3 * blur / scale))
-        fitted, sigma, fit = fit_outline(image, small, close, bow / scale, blur / scale)
-        bow, blur = (part.reshape(-1, 4) * scale for part in (fit.coefficients[:, 2], fit.blur))
-        corners = (np.where(np.isfinite(fitted), fitted, small) + 0.5) * scale - 0.5
-        if np.median(blur) > _SOFT * scale:
-            break
-    return corners + origin, sigma * scale, fit
+    scale, sides = 2**top, rough.shape[:2]
+    small = (rough - origin + 0.5) / scale - 0.5
+    bow = np.zeros(sides) if still else None
+    corners, sigma, fit = _fit_level(reduced(crop, 1 / scale), small, cells, bow, np.zeros(sides))
+    while scale > 1 and np.median(fit.blur) <= _SOFT:
+        scale //= 2
+        bow, blur = (2 * part.reshape(sides) for part in (fit.coefficients[:, 2], fit.blur))
+        corners, sigma, fit = _fit_level(reduced(crop, 1 / scale), 2 * corners + 0.5, cells, bow, blur)
+    return (corners + 0.5) * scale - 0.5 + origin, sigma * scale, fit
 
 
-def _crop(grey: Floats, corners: Floats, scale: int) -> tuple[Floats, Floats]:
+def _fit_level(
+    image: Picture, corners: Floats, cells: int, bow: Floats | None, blur: Floats
+) -> tuple[Floats, Floats, EdgeFit]:
+    """Corners (N, 4, 2), sigma (N, 4) and the fit in this image's pixels; bow, blur (N, 4): px, from coarser ones."""
+    cell = _cell(corners, cells)
+    if bow is None:
+        # First wide enough for the rough corners' error, then close to the edge found.
+        first, _, fit = fit_outline(image, corners, np.clip(0.6 * cell, 1.0, _WIDE), most=32)
+        corners = np.where(np.isfinite(first), first, corners)
+        bow, blur = fit.coefficients[:, 2].reshape(blur.shape), fit.blur.reshape(blur.shape)
+    close = np.clip(0.8 * cell, 1.0, np.maximum(_CLOSE, 3 * blur))
+    fitted, sigma, fit = fit_outline(image, corners, close, bow, blur)
+    return np.where(np.isfinite(fitted), fitted, corners), sigma, fit
+
+
+def _crop(grey: Picture, corners: Floats, scale: int) -> tuple[Floats, Picture]:
     """The part of the image around the corners, and the pixel (2,) where it begins; whole steps of the scale."""
     if scale == 1:
         return np.zeros(2), grey
@@ -290,13 +295,12 @@ def _cell(corners: Floats, cells: int) -> Floats:
     return np.minimum(*depth) / cells
 
 
-def _looks_whole(grey: Floats, corners: Floats, cells: int) -> bool:
+def _looks_whole(grey: Picture, corners: Floats, cells: int) -> bool:
     """Whether the black border with the white ring around it is there, all the way, and at all four corners.
 
     Each black cell is held against the white beside it, so that glare over a part of the tag does not count.
     """
-    unit = np.array([[0, 0], [cells, 0], [cells, cells], [0, cells]], np.float32)
-    image_from_cell = cv2.getPerspectiveTransform(unit, corners.astype(np.float32))
+    image_from_cell = _image_from_cell(corners, cells)
     black, white = (_sampled(grey, image_from_cell, _ring(cells, depth)) for depth in (_IN, _OUT))
     contrast = np.nanmedian(white) - np.nanmedian(black)
     # What is outside the image (nan) is neither right nor wrong.
@@ -308,12 +312,18 @@ def _looks_whole(grey: Floats, corners: Floats, cells: int) -> bool:
     return not np.any(white - black < _LEAST_STEP * contrast)
 
 
+def _image_from_cell(corners: Floats, cells: int) -> Floats:
+    """Homography (3, 3) from places in cells, counted from the top left of a tag, to the image."""
+    unit = np.array([[0, 0], [cells, 0], [cells, cells], [0, cells]], np.float32)
+    return np.asarray(cv2.getPerspectiveTransform(unit, corners.astype(np.float32)), float)
+
+
 def _corners(cells: int, depth: float) -> Floats:
     low, high = depth, cells - depth
     return np.array([[low, low], [high, low], [high, high], [low, high]])
 
 
-def _sampled(grey: Floats, image_from_cell: Floats, cells: Floats) -> Floats:
+def _sampled(grey: Picture, image_from_cell: Floats, cells: Floats) -> Floats:
     """Grey levels (P,) at places (P, 2) in cells; nan outside the image."""
     places = np.rint(cv2.perspectiveTransform(cells[None].astype(np.float32), image_from_cell)[0]).astype(int)
     inside = ((places >= 0) & (places < np.array(grey.shape[::-1]))).all(axis=1)
@@ -324,7 +334,7 @@ def _sampled(grey: Floats, image_from_cell: Floats, cells: Floats) -> Floats:
 @lru_cache(maxsize=64)
 def _ring(cells: int, depth: float) -> Floats:
     """Places (P, 2) so many cells within the edge of a tag, one beside each cell of its border."""
-    along = np.arange(cells) + 0.5
+    along = np.arange(0.5, cells, dtype=float)
     low, high, same = depth, cells - depth, np.ones_like(along)
     sides = [(along, low * same), (high * same, along), (along, high * same), (low * same, along)]
     return np.concatenate([np.stack(side, axis=1) for side in sides])

@@ -40,7 +40,7 @@ def cramer_rao(
         rows(sigma, batch, ()),
         principal_point_sigma,
         start_focal if focal_known else None,
-        False,
+        photographed=False,
     )
     with np.errstate(all="ignore"):
         covariance = covariances(problem, state_of(start_focal, camera_from_rect, centre, batch))

@@ -17,13 +17,14 @@ def homographies(points: Floats, pixels: Floats, weights: Floats | None = None) 
     weights = np.ones(pixels.shape[:-1]) if weights is None else np.asarray(weights, float)
     plane, from_points = _normalised(points, weights)
     image, from_pixels = _normalised(pixels, weights)
-    rows = np.zeros((*np.broadcast_shapes(plane.shape, image.shape)[:-1], 2, 9))
+    shape = np.broadcast_shapes(plane.shape, image.shape)[:-1]
+    rows = np.zeros((*shape, 2, 9))
     rows[..., 0, :2] = rows[..., 1, 3:5] = plane
     rows[..., 0, 2] = rows[..., 1, 5] = 1
     rows[..., :, 6:8] = -image[..., :, None] * plane[..., None, :]
     rows[..., :, 8] = image
     rows *= np.sqrt(weights)[..., None, None]
-    flat = rows.reshape(*rows.shape[:-3], 2 * rows.shape[-3], 9)
+    flat = rows.reshape(*shape[:-1], 2 * shape[-1], 9)
     gram = np.swapaxes(flat, -1, -2) @ flat
     solution = _solve_each(gram[..., :8, :8], gram[..., :8, 8])
     normalised = np.concatenate([solution, np.ones((*solution.shape[:-1], 1))], axis=-1)
@@ -34,7 +35,7 @@ def homographies(points: Floats, pixels: Floats, weights: Floats | None = None) 
 def _solve_each(matrices: Floats, right: Floats) -> Floats:
     """Each symmetric system of a batch; nan for those that are singular, which must not cost the others an answer."""
     size = matrices.shape[-1]
-    unknown = ~np.isfinite(matrices).all(axis=(-1, -2))
+    unknown = ~np.all(np.isfinite(matrices), axis=(-1, -2))
     safe = np.where(unknown[..., None, None], np.eye(size), matrices)
     eigenvalues = np.linalg.eigvalsh(safe)
     # The smallest over the largest: the corners of a rectangle seen at 80 degrees give 3e-3, points on a line the

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from quadrig.single.arrays import Floats
+from quadrig.single.arrays import Floats, Ints, Mask
 from quadrig.single.errors import QuadrigError
 from quadrig.single.lens import LENS_PARAMETERS, Intrinsics, project_with_derivatives
 from quadrig.single.pose import Pose
@@ -91,20 +91,27 @@ class _Problem:
 
     points: Floats
     pixels: Floats
-    seen: Floats
+    seen: Mask
     sigma: Floats
-    free: Floats
+    free: Ints
     prior_mean: Floats
     prior_weight: Floats
     intrinsics: Intrinsics
 
 
-def _problem(points, pixels, intrinsics: Intrinsics, free, sigma, prior: Mapping[str, float]) -> _Problem:
+def _problem(
+    points: Sequence[Floats],
+    pixels: Sequence[Floats],
+    intrinsics: Intrinsics,
+    free: Sequence[str],
+    sigma: Sequence[float] | float,
+    prior: Mapping[str, float],
+) -> _Problem:
     most = max((len(p) for p in pixels), default=0)
     padded_points, padded_pixels = np.zeros((len(points), most, 3)), np.zeros((len(points), most, 2))
     seen = np.zeros((len(points), most), bool)
     for i, (p, x) in enumerate(zip(points, pixels, strict=True)):
-        known = np.isfinite(x).all(axis=-1)
+        known = np.all(np.isfinite(x), axis=-1)
         padded_points[i, : len(p)], padded_pixels[i, : len(x)] = p, np.where(known[:, None], x, 0.0)
         seen[i, : len(x)] = known
     weight = np.zeros(9)

@@ -5,14 +5,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from quadrig.single.arrays import Floats
+from quadrig.single.arrays import Floats, Ints, Mask
 from quadrig.single.errors import QuadrigError
 from quadrig.single.pose import Pose, inverse_jacobian
 from quadrig.single.rectangle import rectangle_corners
 from quadrig.single.solve.closed_form import ClosedForm, closed_form
 from quadrig.single.solve.corners import Reason, check_centre, check_shape
 from quadrig.single.solve.homography import homographies
-from quadrig.single.solve.pinhole_fit import PinholeFit, fit_pinhole
+from quadrig.single.solve.pinhole_fit import Guess, PinholeFit, fit_pinhole
 from quadrig.single.solve.twin import mirrored
 
 # Half the width of a 95 % interval in sigmas.
@@ -42,7 +42,7 @@ class Solution:
     camera_from_rect: Pose
     covariance: Floats
     chi2: Floats
-    dof: NDArray[np.int_]
+    dof: Ints
     reason: NDArray[np.int8]
 
     @property
@@ -139,7 +139,7 @@ def solve_points(
         )
     batch, count = pixels.shape[:-2], pixels.shape[-2]
     flat = pixels.reshape(-1, count, 2)
-    seen = np.isfinite(flat).all(axis=-1)
+    seen = np.all(np.isfinite(flat), axis=-1)
     everywhere = np.broadcast_to(_flat(points, batch, 2), flat.shape)
     corners, size, middle = _frame(everywhere, flat, seen)
     task = _Task(
@@ -167,7 +167,7 @@ def _flat(value: Floats | float, batch: tuple[int, ...], tail: int) -> Floats:
         raise QuadrigError(f"an array of the shape {value.shape} does not fit a batch of {batch} views") from None
 
 
-def _frame(points: Floats, pixels: Floats, seen: NDArray[np.bool_]) -> tuple[Floats, Floats, Floats]:
+def _frame(points: Floats, pixels: Floats, seen: Mask) -> tuple[Floats, Floats, Floats]:
     """The rectangle around the points of each member: where its corners lie in the image by the homography of all
     points (N, 4, 2), its size (N, 2) and its middle (N, 2)."""
     with np.errstate(all="ignore"):
@@ -196,7 +196,7 @@ class _Task:
     centre_sigma: float
     photographed: bool = True
 
-    def members(self, index: NDArray[np.intp]) -> "_Task":
+    def members(self, index: Ints) -> "_Task":
         def some(value):
             return value[index] if isinstance(value, np.ndarray) and len(value) > 1 else value
 
@@ -216,8 +216,7 @@ class _Task:
         return fit_pinhole(
             self.points,
             self.pixels,
-            focal,
-            start,
+            Guess(focal, start),
             self.centre,
             self.sigma,
             self.centre_sigma,
@@ -226,7 +225,7 @@ class _Task:
         )
 
     @property
-    def dof(self) -> NDArray[np.int_]:
+    def dof(self) -> Ints:
         seen = np.isfinite(self.pixels).all(axis=-1).sum(axis=-1)
         return 2 * seen - (7 if self.focal is None else 6)
 
@@ -267,12 +266,12 @@ def _solution(task: _Task, batch: tuple[int, ...]) -> Solution:
     )
 
 
-def _weak(fit: PinholeFit) -> NDArray[np.bool_]:
+def _weak(fit: PinholeFit) -> Mask:
     """Where the 95 % interval of the focal reaches infinity."""
     return ~(NORMAL_95 * np.sqrt(fit.covariance[:, 0, 0]) < fit.focal)
 
 
-def _with_other_starts(task: _Task, fit: PinholeFit, usable: NDArray[np.bool_]) -> PinholeFit:
+def _with_other_starts(task: _Task, fit: PinholeFit, usable: Mask) -> PinholeFit:
     """The fit, replaced by a better one where it is in doubt: not converged, or worse than noise explains.
 
     Tried are other focals with the tilt of the corners, and each with the mirrored tilt.
@@ -301,7 +300,7 @@ def _with_other_starts(task: _Task, fit: PinholeFit, usable: NDArray[np.bool_]) 
     return fit
 
 
-def _take_better(fit: PinholeFit, other: PinholeFit, part: slice, index: NDArray[np.intp]) -> None:
+def _take_better(fit: PinholeFit, other: PinholeFit, part: slice, index: Ints) -> None:
     """Put those of the members `part` of `other` that have a smaller chi2 into `fit` at the index."""
     chi2, converged = other.chi2[part], other.converged[part]
     # By more than the convergence leaves open, so that equal answers stay as they are.

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from quadrig.single.arrays import Floats
+from quadrig.single.arrays import Floats, Mask
 from quadrig.single.pose import Pose
 from quadrig.single.solve import batched_cholesky as triangular
 from quadrig.single.solve.damping import MOST_DAMPING, Damping, gain
@@ -50,31 +50,37 @@ class PinholeFit:
     covariance: Floats
     chi2: Floats
     steps: NDArray[np.int16]
-    converged: NDArray[np.bool_]
+    converged: Mask
+
+
+@dataclass(frozen=True, eq=False)
+class Guess:
+    """Where a search starts: focal (...) px and camera_from_rect (...)."""
+
+    focal: Floats
+    camera_from_rect: Pose
 
 
 def fit_pinhole(
     points: Floats,
     pixels: Floats,
-    focal: Floats,
-    camera_from_rect: Pose,
+    guess: Guess,
     principal_point: Floats,
     sigma: Floats | float = 1.0,
     principal_point_sigma: float = 0.0,
     focal_known: bool = False,
     photographed: bool = True,
 ) -> PinholeFit:
-    """Least squares over all points from a start.
+    """Least squares over all points from a guess.
 
     points (..., P, 2 or 3) metres in the rectangle's frame, on its plane; pixels (..., P, 2), nan where unseen;
-    focal (...) px and camera_from_rect (...) where to start; principal_point (..., 2) px with its prior standard
-    deviation (0: known); sigma (...) px of a pixel coordinate; focal_known: keep the focal as it is.
-    photographed: every point must stay in front of the camera.
+    principal_point (..., 2) px with its prior standard deviation (0: known); sigma (...) px of a pixel coordinate;
+    focal_known: keep the guess's focal. photographed: every point must stay in front of the camera.
     """
     pixels = np.asarray(pixels, float)
     batch, count = pixels.shape[:-2], pixels.shape[-2]
     members = int(np.prod(batch))
-    start_focal = rows(focal, batch, ())
+    start_focal = rows(guess.focal, batch, ())
     problem = Problem(
         rows(np.asarray(points, float)[..., :2], batch, (count, 2)),
         rows(pixels, batch, (count, 2)),
@@ -84,7 +90,7 @@ def fit_pinhole(
         start_focal if focal_known else None,
         photographed,
     )
-    state = state_of(start_focal, camera_from_rect, problem.centre, batch)
+    state = state_of(start_focal, guess.camera_from_rect, problem.centre, batch)
     chi2, steps = np.full(members, np.nan), np.zeros(members, np.int16)
     waiting = np.arange(members)
     with np.errstate(all="ignore"):
@@ -108,7 +114,7 @@ def _fit_of(
     covariance: Floats,
     chi2: Floats,
     steps: NDArray[np.int16],
-    converged: NDArray[np.bool_],
+    converged: Mask,
     batch: tuple[int, ...],
 ) -> PinholeFit:
     u0, v0, s, kappa, cx, cy = state[:6]

@@ -13,9 +13,8 @@ cy and the first two columns of R.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from quadrig.single.arrays import Floats
+from quadrig.single.arrays import Floats, Ints
 from quadrig.single.pose import Pose
 from quadrig.single.solve import batched_cholesky as triangular
 
@@ -35,7 +34,7 @@ class Problem:
     focal: Floats | None
     photographed: bool
 
-    def members(self, index: NDArray[np.intp]) -> "Problem":
+    def members(self, index: Ints) -> "Problem":
         def some(rows: Floats) -> Floats:
             return rows if rows.shape[-1] == 1 else rows[..., index]
 
@@ -62,7 +61,7 @@ class Picture:
     shrink: Floats
     chi2: Floats
 
-    def members(self, index: NDArray[np.intp]) -> "Picture":
+    def members(self, index: Ints) -> "Picture":
         return Picture(*(getattr(self, name)[..., index] for name in self.__dataclass_fields__))
 
 

@@ -103,4 +103,4 @@ def _translations(turned: Floats, plane: Floats, weights: Floats) -> Floats:
         ],
         axis=-1,
     )
-    return np.linalg.solve(normal, right[..., None])[..., 0]
+    return np.asarray(np.linalg.solve(normal, right[..., None]), float)[..., 0]

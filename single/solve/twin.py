@@ -3,11 +3,10 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from quadrig.single.arrays import Floats
+from quadrig.single.arrays import Floats, Mask
 from quadrig.single.pose import Pose
-from quadrig.single.solve.pinhole_fit import fit_pinhole
+from quadrig.single.solve.pinhole_fit import Guess, fit_pinhole
 
 # Rotations nearer than this (rad) are one optimum: searches stop a ten-thousandth of a sigma from it, and two optima
 # that close would be one under any noise.
@@ -26,10 +25,10 @@ class Twins:
     camera_from_rect: Pose
     chi2: Floats
     covariance: Floats
-    converged: Floats
+    converged: Mask
 
     @property
-    def exists(self) -> NDArray[np.bool_]:
+    def exists(self) -> Mask:
         """Whether there is a twin (...)."""
         return np.isfinite(self.chi2[..., 1])
 
@@ -79,8 +78,7 @@ def twin_poses(
     fit = fit_pinhole(
         _twice(points, batch, 2),
         np.broadcast_to(pixels[..., None, :, :], (*batch, 2, *pixels.shape[-2:])),
-        _twice(focal, batch, 0),
-        both,
+        Guess(_twice(focal, batch, 0), both),
         _twice(principal_point, batch, 1),
         _twice(sigma, batch, 0),
         principal_point_sigma,

@@ -34,7 +34,8 @@ def board_views(rng, lens, count=5, noise=0.2):
     points = board_points(9, 7, 0.03)
     views = []
     for _ in range(count):
-        rotation = rotation_from_angles(*rng.uniform(-0.7, 0.7, 2), rng.uniform(-3, 3))
+        (theta_x, theta_y), theta_z = rng.uniform(-0.7, 0.7, 2), rng.uniform(-3, 3)
+        rotation = rotation_from_angles(theta_x, theta_y, theta_z)
         pose = Pose(rotation, np.array([*rng.uniform(-0.1, 0.1, 2), rng.uniform(0.5, 0.8)]))
         pixels = lens.project(pose.transform(points)) + rng.normal(0, noise, (len(points), 2))
         views.append(View("board", points, pixels, sigma=noise))
@@ -206,7 +207,7 @@ def test_thirteen_real_views_each_alone_are_as_far_off_as_their_sigmas_say(share
     board = Rectangle("board", 0.25, 0.175, ChessboardMarking(10, 7, 0.025))
     scores, errors = [], []
     for path in sorted((shared_data / "stereo").glob("left*.jpg")):
-        (view,) = detect_views(cv2.imread(str(path)), [board])
+        (view,) = detect_views(np.asarray(cv2.imread(str(path)), np.uint8), [board])
         found = calibrate_view(view, (640, 480))
         errors.append(found.intrinsics.focal / 535.9 - 1)
         scores.append((found.intrinsics.focal - 535.9) / found.focal_sigma)

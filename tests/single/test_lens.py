@@ -7,6 +7,7 @@ import pytest
 from quadrig.single.lens import (
     LENS_PARAMETERS,
     Intrinsics,
+    LensModel,
     fill_projection_rows,
     image_middle,
     project,
@@ -81,7 +82,7 @@ def test_rows_may_be_laid_out_as_the_caller_likes():
     points = points_in_view("pinhole", 30)
     by_lens, by_point = np.zeros((30, 9, 2)), np.zeros((30, 3, 2))
     pixels = fill_projection_rows(
-        PINHOLE[:, None], points.T, by_lens.transpose(1, 2, 0), by_point.transpose(1, 2, 0), "pinhole"
+        PINHOLE[:, None], points.T, list(by_lens.transpose(1, 2, 0)), by_point.transpose(1, 2, 0), "pinhole"
     )
     expected = project_with_derivatives(PINHOLE, points)
     np.testing.assert_allclose(pixels.T, expected[0], atol=1e-10)
@@ -90,7 +91,8 @@ def test_rows_may_be_laid_out_as_the_caller_likes():
 
 
 def test_pixels_are_opencvs():
-    for lens, model in ((PINHOLE, "pinhole"), (FISHEYE, "fisheye")):
+    models: dict[LensModel, np.ndarray] = {"pinhole": PINHOLE, "fisheye": FISHEYE}
+    for model, lens in models.items():
         points = points_in_view(model)
         camera = Intrinsics(1280, 720, lens[0], lens[1:3], lens[3:8], lens[8], model)
         here = points[None].astype(np.float64)

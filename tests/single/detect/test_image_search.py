@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 import pytest
 
-from quadrig.single.arrays import Floats
+from quadrig.single.arrays import Floats, Picture
 from quadrig.single.detect.blank_sheet import detect_plain
 from quadrig.single.detect.dictionaries import canonical_dictionary, dictionary_names
 from quadrig.single.detect.image_search import check_rectangles, detect_views
@@ -38,7 +38,7 @@ def pose(x: float, y: float, z: float, tilt=(0.0, 0.0, 0.0)) -> Pose:
     return Pose(rotation_from_vector(np.array(tilt)), np.array([x, y, z]))
 
 
-def picture(rectangle: Rectangle, where: Pose, *, tone: float = 0.82, **light) -> Floats:
+def picture(rectangle: Rectangle, where: Pose, *, tone: float = 0.82, **light) -> Picture:
     capture = Capture(**{"noise": 1.0, "blur": 0.6, **light})
     sheets = [Sheet(rectangle, where, tone=tone)]
     return render_image(GRID, Pose.identity(), sheets, capture=capture, samples=6, colour=False)
@@ -80,7 +80,8 @@ def test_clean_pictures_show_no_bias(rectangle, blur):
     gaps = []
     for tilted in (0.0, 0.4):
         for _ in range(4):
-            where = pose(*rng.uniform(-0.06, 0.06, 2), 0.7, rng.uniform(-tilted, tilted, 3))
+            x, y = rng.uniform(-0.06, 0.06, 2)
+            where = pose(x, y, 0.7, rng.uniform(-tilted, tilted, 3))
             views = detect_views(picture(rectangle, where, noise=0.0, blur=blur), [rectangle])
             gaps.append(errors(views[0], where))
     bias = np.concatenate(gaps).mean(axis=0)

@@ -1,13 +1,20 @@
 """Detection on pictures of real cameras."""
 
+from pathlib import Path
+
 import cv2
 import numpy as np
 import pytest
 
+from quadrig.single.arrays import Picture
 from quadrig.single.detect.image_search import detect_views
 from quadrig.single.marking import CharucoMarking, ChessboardMarking, TagMarking
 from quadrig.single.rectangle import Rectangle
 from quadrig.single.view import View
+
+
+def picture(path: Path, flags: int = cv2.IMREAD_COLOR) -> Picture:
+    return np.asarray(cv2.imread(str(path), flags), np.uint8)
 
 
 def plane_rms(view: View) -> float:
@@ -21,7 +28,7 @@ def plane_rms(view: View) -> float:
 def test_every_chessboard_of_the_stereo_pairs_is_found_in_one_reading(shared_data, side):
     board = Rectangle("board", 0.25, 0.175, ChessboardMarking(10, 7, 0.025))
     pictures = sorted((shared_data / "stereo").glob(f"{side}[0-9]*.jpg"))
-    views = [view for path in pictures for view in detect_views(cv2.imread(str(path)), [board])]
+    views = [view for path in pictures for view in detect_views(picture(path), [board])]
     assert len(views) == len(pictures) == 13
     assert all(v.alternatives == () for v in views)
     lens = cv2.calibrateCamera(
@@ -38,7 +45,7 @@ def test_every_chessboard_of_the_stereo_pairs_is_found_in_one_reading(shared_dat
 def test_square_on_the_floor_is_found_by_all_fifteen_cameras(shared_data):
     square = Rectangle("floor", 0.15, 0.15, TagMarking("DICT_4X4_250", 0))
     for path in sorted((shared_data / "floor" / "images").glob("*.jpg")):
-        views = detect_views(cv2.imread(str(path), cv2.IMREAD_GRAYSCALE), [square])
+        views = detect_views(picture(path, cv2.IMREAD_GRAYSCALE), [square])
         assert len(views) == 1, path.name
         assert views[0].sigma < 0.1
 
@@ -52,7 +59,7 @@ def test_inverted_legacy_board_is_found_as_often_as_by_plain_opencv(shared_data,
     for index in range(111):
         video.grab()
         if index % 3 == 0:
-            views += detect_views(video.retrieve()[1], [board])
+            views += detect_views(np.asarray(video.retrieve()[1], np.uint8), [board])
     assert len(views) >= least
     # A wrong corner would be off by a square's side, some 30 px; strong distortion bends a board by a few.
     assert max(plane_rms(v) for v in views) < 6

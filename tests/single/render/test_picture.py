@@ -44,9 +44,11 @@ def test_middle_of_light_is_where_the_lens_puts_it():
 
 def test_nearer_sheet_hides_the_other_whatever_their_order():
     near, far = Sheet(SHEET, facing(0, 0, 0.5), tone=0.9), Sheet(SHEET, facing(0, 0, 0.8), tone=0.2)
-    images = [render_image(STRAIGHT, Pose.identity(), order, colour=False) for order in ([near, far], [far, near])]
-    np.testing.assert_array_equal(*images)
-    assert images[0][60, 80] == pytest.approx(0.9 * 255, abs=2)
+    one, other = (
+        render_image(STRAIGHT, Pose.identity(), order, colour=False) for order in ([near, far], [far, near])
+    )
+    np.testing.assert_array_equal(one, other)
+    assert one[60, 80] == pytest.approx(0.9 * 255, abs=2)
 
 
 def test_what_lies_on_a_sheet_later_in_the_list_is_on_top():
@@ -95,11 +97,11 @@ def test_noise_and_exposure_are_what_was_asked_for():
 
 
 def test_same_seed_gives_the_same_picture():
-    pictures = [
+    first, second = (
         render_image(STRAIGHT, Pose.identity(), [], capture=Capture(noise=2.0), rng=np.random.default_rng(9))
         for _ in range(2)
-    ]
-    np.testing.assert_array_equal(*pictures)
+    )
+    np.testing.assert_array_equal(first, second)
 
 
 def test_sheet_behind_the_camera_is_not_seen():

@@ -89,7 +89,7 @@ def test_special_attitudes_have_no_hole(size, offset):
     pose = pose[(pose.rotation[..., 2] * translation).sum(axis=-1) > 0]
     focal = np.full(len(pose.translation), 1400.0)
     corners = project(rectangle_corners(*size), focal, pose)
-    answer = closed_form(corners, *size, CENTRE, sigma=ROUNDING)
+    answer = closed_form(corners, size[0], size[1], CENTRE, sigma=ROUNDING)
     assert np.abs(answer.focal / 1400 - 1).max() < 1e-9
     assert relative_pose_error(answer.camera_from_rect, pose).max() < 1e-9
 
@@ -180,6 +180,7 @@ def test_sigma_of_the_focal_is_what_noise_does():
     assert answer.focal.std() == pytest.approx(np.median(answer.focal_sigma), rel=0.06)
 
 
+MIDDLE = np.array([160.0, 120.0])
 QUAD = np.array([[300.0, 220.0], [100.0, 200.0], [110.0, 90.0], [290.0, 60.0]])
 
 
@@ -199,8 +200,8 @@ def bad_members():
 
 @pytest.mark.parametrize("reason", list(bad_members()))
 def test_a_bad_member_is_nan_with_its_reason_and_the_others_are_untouched(reason):
-    alone = closed_form(QUAD, 0.3, 0.2, [160.0, 120.0])
-    batch = closed_form(np.stack([QUAD, bad_members()[reason], QUAD]), 0.3, 0.2, [160.0, 120.0])
+    alone = closed_form(QUAD, 0.3, 0.2, MIDDLE)
+    batch = closed_form(np.stack([QUAD, bad_members()[reason], QUAD]), 0.3, 0.2, MIDDLE)
     assert batch.reason[1] == reason
     assert np.isnan(batch.focal[1])
     assert np.isnan(batch.camera_from_rect.rotation[1]).all()
@@ -211,7 +212,7 @@ def test_a_bad_member_is_nan_with_its_reason_and_the_others_are_untouched(reason
 
 @pytest.mark.parametrize(("width", "height"), [(0.0, 0.2), (-0.3, 0.2), (0.3, np.nan), (np.inf, 0.2)])
 def test_a_side_without_length_is_named(width, height):
-    answer = closed_form(np.stack([QUAD, QUAD]), [0.3, width], [0.2, height], [160.0, 120.0])
+    answer = closed_form(np.stack([QUAD, QUAD]), np.array([0.3, width]), np.array([0.2, height]), MIDDLE)
     assert answer.reason[1] == Reason.NO_SIZE
     assert np.isnan(answer.focal[1])
     assert np.isfinite(answer.focal[0])
@@ -220,27 +221,27 @@ def test_a_side_without_length_is_named(width, height):
 @pytest.mark.parametrize("shape", [(4,), (3, 2), (2, 4, 3), (4, 4)])
 def test_a_wrong_shape_is_an_error_that_names_it(shape):
     with pytest.raises(QuadrigError, match=r"shape"):
-        closed_form(np.zeros(shape), 0.3, 0.2, [0.0, 0.0])
+        closed_form(np.zeros(shape), 0.3, 0.2, MIDDLE)
 
 
 def test_any_leading_shape():
     corners = np.broadcast_to(QUAD, (2, 3, 4, 2))
-    answer = closed_form(corners, 0.3, np.full((2, 3), 0.2), [160.0, 120.0])
+    answer = closed_form(corners, 0.3, np.full((2, 3), 0.2), MIDDLE)
     assert answer.focal.shape == (2, 3)
     assert answer.camera_from_rect.rotation.shape == (2, 3, 3, 3)
-    single = closed_form(QUAD, 0.3, 0.2, [160.0, 120.0])
+    single = closed_form(QUAD, 0.3, 0.2, MIDDLE)
     assert single.focal.shape == ()
     assert np.allclose(answer.focal, single.focal, rtol=1e-12)
 
 
 def test_an_empty_batch_is_an_empty_answer():
-    assert closed_form(np.zeros((0, 4, 2)), 0.3, 0.2, [0.0, 0.0]).focal.shape == (0,)
+    assert closed_form(np.zeros((0, 4, 2)), 0.3, 0.2, MIDDLE).focal.shape == (0,)
 
 
 def test_a_principal_point_or_a_noise_that_is_none_is_named():
     with pytest.raises(QuadrigError, match="principal point"):
-        closed_form(QUAD, 0.3, 0.2, [1.0, 2.0, 3.0])
+        closed_form(QUAD, 0.3, 0.2, np.ones(3))
     with pytest.raises(QuadrigError, match="principal point"):
-        closed_form(QUAD, 0.3, 0.2, 5.0)
+        closed_form(QUAD, 0.3, 0.2, np.array(5.0))
     with pytest.raises(QuadrigError, match="sigma"):
-        closed_form(QUAD, 0.3, 0.2, [160.0, 120.0], sigma=0.0)
+        closed_form(QUAD, 0.3, 0.2, MIDDLE, sigma=0.0)

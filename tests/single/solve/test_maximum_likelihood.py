@@ -36,8 +36,8 @@ class Views:
         return self.focal[:, None, None] * located[..., :2] / located[..., 2:] + self.centre[:, None]
 
     def take(self, index):
-        values = (self.width, self.height, self.focal, self.centre, self.pose, self.points)
-        return Views(*(value[index] for value in values))
+        width, height, focal = self.width[index], self.height[index], self.focal[index]
+        return Views(width, height, focal, self.centre[index], self.pose[index], self.points[index])
 
 
 def inner_points(width, height, side=8):
@@ -256,7 +256,7 @@ def test_a_size_that_does_not_fit_the_batch_is_named():
         solve_rectangles(np.zeros((5, 4, 2)), np.ones(3), 0.2, CENTRE)
 
 
-def far_views(rng, count, focal=3000.0):
+def far_views(rng, count):
     """Small sheets far away: hardly any perspective, so that both tilts show nearly the same."""
     zero = np.zeros(count)
     tilt, way, spin = np.radians(rng.uniform(15, 50, count)), *rng.uniform(0, 2 * np.pi, (2, count))
