@@ -8,9 +8,9 @@ import numpy as np
 from quadrig.rig.joint.assemble import assemble_rig, camera_covariance
 from quadrig.rig.joint.clock_rounds import solve_with_clocks
 from quadrig.rig.joint.stages import Contradicted
-from quadrig.rig.problem.build import Problem, build_problem, components
+from quadrig.rig.problem.build import Problem, build_problem
 from quadrig.rig.problem.camera_input import CameraInput
-from quadrig.rig.problem.connectivity import missing_cameras, refuse
+from quadrig.rig.problem.connectivity import components, missing_cameras, refuse
 from quadrig.rig.result import Rig
 from quadrig.single.errors import QuadrigError
 from quadrig.single.rectangle import Rectangle

@@ -4,12 +4,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from quadrig.rig.adjustment.twist_jacobians import step_by_left_twist
 from quadrig.rig.result import CAMERA_PARAMETERS, Rig
 from quadrig.single.arrays import Floats
 from quadrig.single.errors import QuadrigError
 from quadrig.single.lens import LENS_PARAMETERS
 from quadrig.single.pose import Pose
-from quadrig.single.rotation import cross_matrix
 
 _LENS = len(LENS_PARAMETERS)
 # Weights of cameras settle to a per cent in this many rounds; more would change no printed digit.
@@ -85,7 +85,7 @@ def _aligned(first: Rig, second: Rig, names: list[str]) -> tuple[Pose, Floats, F
         placed = [first_from_second @ pose for pose in other]
         steps = np.array([a.step_to(b) for a, b in zip(stored, placed, strict=True)])
         rows = (np.sqrt(weight)[:, None] * scale).ravel()
-        gauge = np.concatenate([_gauge(pose) for pose in placed])
+        gauge = np.concatenate([step_by_left_twist(pose) for pose in placed])
         pull = np.asarray(np.linalg.pinv(gauge * rows[:, None]) * rows, float)
         first_from_second = Pose.from_twist(-(pull @ steps.ravel())) @ first_from_second
         miss = np.linalg.norm(steps * scale, axis=1)
@@ -93,13 +93,6 @@ def _aligned(first: Rig, second: Rig, names: list[str]) -> tuple[Pose, Floats, F
     placed = [first_from_second @ pose for pose in other]
     steps = np.array([a.step_to(b) for a, b in zip(stored, placed, strict=True)])
     return first_from_second, steps, gauge, pull
-
-
-def _gauge(pose: Pose) -> Floats:
-    """Derivative (6, 6) of the step of exp(twist) @ pose by the twist."""
-    result = np.eye(6)
-    result[3:, :3] = -cross_matrix(pose.translation)
-    return result
 
 
 def _poses(rig: Rig, names: list[str], frame_from_rig: Pose) -> Floats:

@@ -20,12 +20,13 @@ import numpy as np
 from quadrig.rig.adjustment.levenberg_marquardt import adjust, undamped
 from quadrig.rig.adjustment.outliers import USUAL_WEIGHT, noise_of
 from quadrig.rig.adjustment.schur import dense_matrix
-from quadrig.rig.joint.assemble import step_by_camera_twist
+from quadrig.rig.adjustment.twist_jacobians import step_by_camera_twist
 from quadrig.rig.joint.cross_validation import cross_validate
 from quadrig.rig.joint.residual_noise import residual_sum
 from quadrig.rig.joint.stages import Contradicted, Joint, solve_jointly
-from quadrig.rig.problem.build import Problem, build_problem, components
+from quadrig.rig.problem.build import Problem, build_problem
 from quadrig.rig.problem.camera_input import CameraInput
+from quadrig.rig.problem.connectivity import components
 from quadrig.rig.result import CAMERA_PARAMETERS, Rig
 from quadrig.rig.start.lenses_and_poses import start
 from quadrig.rig.start.pose_graph import first_rig
@@ -37,7 +38,7 @@ from quadrig.single.pose import Pose
 from quadrig.single.rectangle import Rectangle
 from quadrig.single.view import View
 
-State = Literal["unmoved", "moved", "cannot tell"]
+MoveState = Literal["unmoved", "moved", "cannot tell"]
 
 _FREEDOMS = 6
 _POWER = 0.95
@@ -57,7 +58,7 @@ class CameraMove:
     """
 
     name: str
-    state: State
+    state: MoveState
     shift: float = float("nan")
     turn: float = float("nan")
     shift_sigma: float = float("nan")

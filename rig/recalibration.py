@@ -8,10 +8,12 @@ import numpy as np
 from quadrig.rig.adjustment.levenberg_marquardt import adjust, undamped
 from quadrig.rig.adjustment.normal_equations import LENS
 from quadrig.rig.adjustment.schur import dense_matrix
-from quadrig.rig.joint.assemble import assemble_rig, camera_covariance, step_by_camera_twist
+from quadrig.rig.adjustment.twist_jacobians import step_by_camera_twist
+from quadrig.rig.joint.assemble import assemble_rig, camera_covariance
 from quadrig.rig.joint.stages import Contradicted, Joint, solve_jointly
-from quadrig.rig.problem.build import Problem, build_problem, components
+from quadrig.rig.problem.build import Problem, build_problem
 from quadrig.rig.problem.camera_input import CameraInput
+from quadrig.rig.problem.connectivity import components
 from quadrig.rig.result import CAMERA_PARAMETERS, Rig
 from quadrig.rig.start.lenses_and_poses import start
 from quadrig.rig.start.pose_graph import FirstRig, first_rig

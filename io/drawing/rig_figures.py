@@ -7,7 +7,7 @@ import numpy as np
 from quadrig.io.drawing.geometry import (
     round_down,
 )
-from quadrig.rig.doubt.disagreement import Disagreement, disagreements
+from quadrig.rig.doubt.disagreement import Disagreement
 from quadrig.rig.doubt.residual_field import ResidualField
 from quadrig.rig.result import Camera, Rig, ViewFit, placed_pose
 from quadrig.single.arrays import Floats
@@ -47,16 +47,16 @@ def predicted_outline(rig: Rig, camera: Camera, fit: ViewFit) -> Floats | None:
     return pixels if np.isfinite(pixels).all() else None
 
 
-def graph_edges(rig: Rig) -> list[Disagreement]:
+def graph_edges(views: Sequence[Disagreement]) -> list[Disagreement]:
     """One edge for each camera and rectangle: information summed, disagreements as root mean squares of its Views.
 
     rejected: where none of its Views took part. frameset: that of its worst View.
     """
     edges: dict[tuple[str, str], list[Disagreement]] = {}
-    for one in disagreements(rig):
+    for one in views:
         if np.isfinite(one.sigmas):
             edges.setdefault((one.camera, one.rectangle), []).append(one)
-    return [_joined(views) for views in edges.values()]
+    return [_joined(own) for own in edges.values()]
 
 
 def _joined(views: list[Disagreement]) -> Disagreement:

@@ -65,8 +65,9 @@ def graph(rig: Rig) -> str:
     colours = rig_colours(rig)
     left = {c.name: (0.0, y) for c, y in zip(rig.cameras, _spread(len(rig.cameras), height), strict=True)}
     right = {p.name: (1.0, y) for p, y in zip(rig.rectangles, _spread(len(rig.rectangles), height), strict=True)}
-    edges = [edge for edge in graph_edges(rig) if edge.camera in left and edge.rectangle in right]
-    limit = contradiction_limit(disagreements(rig))
+    views = disagreements(rig)
+    edges = [edge for edge in graph_edges(views) if edge.camera in left and edge.rectangle in right]
+    limit = contradiction_limit(views)
     for edge, width in zip(edges, edge_widths([edge.information for edge in edges]), strict=True):
         colour = hexadecimal(FAULT if edge.sigmas > limit else FINE)
         plot.line(np.array([left[edge.camera], right[edge.rectangle]]), colour, 1.6 * width)

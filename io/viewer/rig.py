@@ -280,9 +280,10 @@ def _log_graph(recording: Any, rig: Rig, colours: dict[str, Colour]) -> None:
     rect_at = {
         p.name: (height * 1.2, y) for p, y in zip(rig.rectangles, _spread(len(rig.rectangles), height), strict=True)
     }
-    edges = graph_edges(rig)
+    views = disagreements(rig)
+    edges = graph_edges(views)
     edges = [edge for edge in edges if edge.camera in camera_at and edge.rectangle in rect_at]
-    limit = contradiction_limit(disagreements(rig))
+    limit = contradiction_limit(views)
     # Many rows leave little place between them.
     widths = [width * min(1, 4 / height) for width in edge_widths([edge.information for edge in edges])]
     lines = rr.LineStrips2D(

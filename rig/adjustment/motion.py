@@ -9,7 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from quadrig.rig.problem.build import Problem, components
+from quadrig.rig.problem.build import Problem
+from quadrig.rig.problem.connectivity import components
 from quadrig.single.arrays import Floats, Ints, Mask
 from quadrig.single.pose import Pose
 

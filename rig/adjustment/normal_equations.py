@@ -11,11 +11,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from quadrig.rig.adjustment.motion import Motion
+from quadrig.rig.adjustment.twist_jacobians import step_by_inner_twist
 from quadrig.rig.problem.observations import ObservationGroup, Observations
 from quadrig.single.arrays import Floats, Ints
 from quadrig.single.lens import LENS_PARAMETERS, fill_projection_rows, project
 from quadrig.single.pose import Pose
-from quadrig.single.rotation import cross_matrix
 
 LENS = len(LENS_PARAMETERS)
 
@@ -288,10 +288,7 @@ def chain_derivatives(observations: Observations, state: State) -> tuple[Floats,
     worth the same as that of the rectangles it sees.
     """
     turn = state.camera_from_rig.rotation[observations.camera]
-    place = state.rig_from_seen(observations).translation
-    by_twist = np.zeros((len(place), 6, 6))
-    by_twist[:, :3, :3] = by_twist[:, 3:, 3:] = turn
-    by_twist[:, 3:, :3] = -turn @ cross_matrix(place)
+    by_twist = step_by_inner_twist(turn, state.rig_from_seen(observations).translation)
     if state.motion is None or state.offsets is None:
         return by_twist, by_twist
     slope = state.motion.slope(state.offsets[observations.camera])

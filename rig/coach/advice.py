@@ -19,6 +19,7 @@ from quadrig.rig.coach.next_view import (
 )
 from quadrig.rig.coach.planned_doubt import planning_doubt
 from quadrig.rig.doubt.working_accuracy import covered_points
+from quadrig.rig.problem.connectivity import connected_groups
 from quadrig.rig.result import Rig
 from quadrig.rig.words import length
 from quadrig.single.arrays import Floats, Mask
@@ -106,22 +107,17 @@ def connected(
 ) -> tuple[tuple[str, ...], ...]:
     """Groups of cameras that share rectangles, directly or through others; the largest first, by name."""
     moving = {r.name for r in rectangles if r.moving}
-    group = {camera: camera for camera in cameras}
-
-    def root(camera: str) -> str:
-        while group[camera] != camera:
-            camera = group[camera]
-        return camera
-
-    first: dict[tuple[str, int], str] = {}
-    for view in views:
-        if view.camera in group:
-            key = (view.rectangle, view.frameset if view.rectangle in moving else -1)
-            group[root(view.camera)] = root(first.setdefault(key, view.camera))
-    parts: dict[str, list[str]] = {}
-    for camera in cameras:
-        parts.setdefault(root(camera), []).append(camera)
-    return tuple(sorted((tuple(part) for part in parts.values()), key=lambda part: (-len(part), part)))
+    number = {camera: index for index, camera in enumerate(cameras)}
+    known = [view for view in views if view.camera in number]
+    poses = [(view.rectangle, view.frameset if view.rectangle in moving else -1) for view in known]
+    shared = {pose: index for index, pose in enumerate(dict.fromkeys(poses))}
+    groups = connected_groups(
+        len(cameras),
+        np.array([number[view.camera] for view in known], int),
+        np.array([shared[p] for p in poses], int),
+    )
+    parts = [tuple(cameras[index] for index in group) for group in groups]
+    return tuple(sorted(parts, key=lambda part: (-len(part), part)))
 
 
 def _first(situation: Situation) -> Advice:

@@ -16,13 +16,13 @@ from quadrig.rig.doubt.information import (
     triangulation_derivatives,
     visible,
 )
-from quadrig.rig.doubt.working_accuracy import rigid_part
+from quadrig.rig.doubt.working_accuracy import rigid_basis, rigid_part
 from quadrig.rig.result import CAMERA_PARAMETERS, Camera
 from quadrig.single.arrays import Floats, Ints, Mask
 from quadrig.single.marking import CharucoMarking, ChessboardMarking
 from quadrig.single.pose import Pose
 from quadrig.single.rectangle import Rectangle, rectangle_corners
-from quadrig.single.rotation import cross_matrix, rotation_from_vector
+from quadrig.single.rotation import rotation_from_vector
 
 # Parts of the picture in which a sheet is imagined: its middle, its sides and its corners, so far out that the
 # sheet is still whole.
@@ -268,16 +268,11 @@ def _against(cameras: Sequence[Camera], volume: Floats, points: Floats) -> tuple
     kept = np.all(np.isfinite(known), axis=(1, 2))
     middle = volume[kept].mean(0) if kept.any() else np.zeros(3)
     motion = np.linalg.lstsq(
-        _rigid_basis(volume[kept] - middle).reshape(-1, 6), known[kept].reshape(3 * int(kept.sum()), -1), rcond=None
+        rigid_basis(volume[kept] - middle).reshape(-1, 6), known[kept].reshape(3 * int(kept.sum()), -1), rcond=None
     )[0]
     counted = np.all(np.isfinite(moved), axis=(1, 2))
-    shape = np.where(counted[:, None, None], moved - _rigid_basis(points - middle) @ motion, 0.0)
+    shape = np.where(counted[:, None, None], moved - rigid_basis(points - middle) @ motion, 0.0)
     return shape, counted
-
-
-def _rigid_basis(arms: Floats) -> Floats:
-    """Motion (N, 3, 6) of points at `arms` (N, 3) by a translation and a rotation."""
-    return np.concatenate([np.broadcast_to(np.eye(3), (len(arms), 3, 3)), -cross_matrix(arms)], axis=-1)
 
 
 def _stacked_derivatives(

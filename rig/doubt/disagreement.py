@@ -1,7 +1,6 @@
 """How far each View, by itself, disagrees with the rig: the pose it would rather have, in its own sigmas."""
 
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 
@@ -33,7 +32,6 @@ class Disagreement:
     rejected: bool
 
 
-@lru_cache(maxsize=1)
 def disagreements(rig: Rig) -> tuple[Disagreement, ...]:
     """One for each of rig.fits, in their order.
 

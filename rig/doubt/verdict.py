@@ -36,7 +36,7 @@ class Verdict:
 
 def verdict(rig: Rig) -> Verdict:
     """What to believe of a rig."""
-    good, weak = _good(rig), [*rig.missing.values(), *rig.weak, *_contradictions(rig), *_patterns(rig)]
+    good, weak = _good(rig), [*rig.missing.values(), *rig.weak, *_contradictions(disagreements(rig)), *_patterns(rig)]
     grade = _grade(rig, weak)
     return Verdict(grade, _headline(rig, grade), tuple(good), tuple(weak))
 
@@ -100,8 +100,7 @@ def out_of_step(rig: Rig) -> float:
     return usual if usual > _LOOSE else 0.0
 
 
-def _contradictions(rig: Rig) -> list[str]:
-    every = disagreements(rig)
+def _contradictions(every: Sequence[Disagreement]) -> list[str]:
     usual, limit = _usual(every), contradiction_limit(every)
     sentences = []
     if usual > _LOOSE:
@@ -113,7 +112,7 @@ def _contradictions(rig: Rig) -> list[str]:
     if wrong:
         worst = max(wrong, key=lambda one: one.sigmas)
         sentences.append(
-            f"{len(wrong)} of {len(rig.fits)} Views contradict the rig far more than the others, the worst being "
+            f"{len(wrong)} of {len(every)} Views contradict the rig far more than the others, the worst being "
             f"{worst.camera} on {worst.rectangle} at frameset {worst.frameset} ({worst.sigmas:.0f} sigmas): look "
             "whether the rectangle moved, bent or was half hidden there"
         )

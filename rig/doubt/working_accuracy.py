@@ -7,6 +7,7 @@ import numpy as np
 from quadrig.rig.doubt.information import triangulation_derivatives
 from quadrig.rig.result import Camera, PlacedRectangle
 from quadrig.single.arrays import Floats
+from quadrig.single.rotation import cross_matrix
 
 # Points that stand for the volume: more change the root mean square by less than its second digit.
 _MOST_POINTS = 100
@@ -43,15 +44,14 @@ def triangulation_shape(cameras: Sequence[Camera], points: Floats) -> tuple[Floa
 
 def rigid_part(points: Floats, motion: Floats) -> Floats:
     """What of a motion (3 N, K) of points is one rigid motion of all of them, by least squares."""
-    arm = points - points.mean(axis=0) if len(points) else points
-    basis = np.zeros((len(points), 3, 6))
-    basis[:, :, :3] = np.eye(3)
-    for axis in range(3):
-        turned = np.cross(np.eye(3)[axis], arm)
-        basis[:, :, 3 + axis] = turned
-    flat = basis.reshape(-1, 6)
-    orthogonal, _ = np.linalg.qr(flat)
+    arms = points - points.mean(axis=0) if len(points) else points
+    orthogonal, _ = np.linalg.qr(rigid_basis(arms).reshape(-1, 6))
     return orthogonal @ (orthogonal.T @ motion)
+
+
+def rigid_basis(arms: Floats) -> Floats:
+    """Motion (N, 3, 6) of points at `arms` (N, 3) from a middle by a translation and a rotation about that."""
+    return np.concatenate([np.broadcast_to(np.eye(3), (len(arms), 3, 3)), -cross_matrix(arms)], axis=-1)
 
 
 def working_accuracy(cameras: Sequence[Camera], covariance: Floats, points: Floats) -> float:

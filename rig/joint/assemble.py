@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from quadrig.rig.adjustment.normal_equations import LENS, residual_squares
+from quadrig.rig.adjustment.twist_jacobians import step_by_camera_twist, step_by_left_twist
 from quadrig.rig.doubt.weaknesses import weaknesses
 from quadrig.rig.doubt.working_accuracy import covered_points, working_accuracy
 from quadrig.rig.joint.cross_validation import cross_validate
@@ -15,8 +16,6 @@ from quadrig.rig.result import CAMERA_PARAMETERS, Camera, PlacedRectangle, Rig, 
 from quadrig.rig.start.pose_graph import FirstRig
 from quadrig.single.arrays import Floats, Ints, Mask
 from quadrig.single.lens import LENS_PARAMETERS, Intrinsics, project
-from quadrig.single.pose import Pose
-from quadrig.single.rotation import cross_matrix
 
 # Sigma of a focal, as a share of it, beyond which the Views cannot be said to tell it.
 _UNKNOWN_FOCAL = 0.2
@@ -56,14 +55,6 @@ def _template(given: CameraInput) -> Intrinsics:
     return given.intrinsics or Intrinsics.centred(given.width, given.height, 1.0)
 
 
-def step_by_camera_twist(rig_from_camera: Pose) -> Floats:
-    """Derivative (..., 6, 6) of the step of rig_from_camera by the twist of camera_from_rig @ exp(twist)."""
-    result = np.zeros((*rig_from_camera.translation.shape[:-1], 6, 6))
-    result[..., :3, :3] = result[..., 3:, 3:] = -np.eye(3)
-    result[..., 3:, :3] = cross_matrix(rig_from_camera.translation)
-    return result
-
-
 def camera_covariance(joint: Joint) -> Floats:
     """Covariance (15 C, 15 C) as Rig.covariance has it: lenses, and steps of rig_from_camera."""
     cameras, size = joint.reduced.free.shape
@@ -92,8 +83,7 @@ def node_covariances(joint: Joint) -> Floats:
     np.add.at(result, tables.pair_node[left], term)
     off = left != right
     np.add.at(result, tables.pair_node[left][off], np.swapaxes(term[off], -1, -2))
-    step_by_twist = np.tile(np.eye(6), (len(result), 1, 1))
-    step_by_twist[:, 3:, :3] = -cross_matrix(joint.adjustment.state.rig_from_rect.translation)
+    step_by_twist = step_by_left_twist(joint.adjustment.state.rig_from_rect)
     return step_by_twist @ result @ np.swapaxes(step_by_twist, -1, -2)
 
 

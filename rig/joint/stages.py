@@ -19,7 +19,8 @@ from quadrig.rig.joint.time_errors import (
     with_motion,
     without_slack,
 )
-from quadrig.rig.problem.build import Problem, components
+from quadrig.rig.problem.build import Problem
+from quadrig.rig.problem.connectivity import components
 from quadrig.rig.problem.observations import Observations
 from quadrig.rig.start.lenses_and_poses import Start
 from quadrig.rig.start.pose_graph import FirstRig

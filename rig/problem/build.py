@@ -104,23 +104,6 @@ def build_problem(cameras: Sequence[CameraInput], rectangles: Sequence[Rectangle
     return _problem(tuple(sorted(cameras, key=lambda c: c.name)), by_name, usable)
 
 
-def components(problem: Problem, views: Ints | None = None) -> list[list[int]]:
-    """Cameras (indices) that rectangles join, directly or through others; largest group first. views (indices): those
-    that count, all where None."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
-    views = np.arange(len(problem.views)) if views is None else views
-    cameras, size = len(problem.cameras), len(problem.cameras) + len(problem.nodes)
-    met = (problem.camera[views], cameras + problem.node[views])
-    graph = coo_array((np.ones(len(views)), met), shape=(size, size))
-    _, label = connected_components(graph, directed=False)
-    groups: dict[int, list[int]] = {}
-    for camera in range(cameras):
-        groups.setdefault(int(label[camera]), []).append(camera)
-    return sorted(groups.values(), key=lambda group: (-len(group), group))
-
-
 def _problem(cameras: tuple[CameraInput, ...], rectangles: dict[str, Rectangle], views: Sequence[View]) -> Problem:
     ordered = tuple(
         sorted(views, key=lambda v: (v.rectangle, v.frameset, v.camera, v.pixels.tobytes(), v.points.tobytes()))

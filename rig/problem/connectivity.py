@@ -1,7 +1,35 @@
 """Which cameras share nothing with the others, and what would join them."""
 
-from quadrig.rig.problem.build import Problem, components
+import numpy as np
+
+from quadrig.rig.problem.build import Problem
+from quadrig.single.arrays import Ints
 from quadrig.single.errors import QuadrigError
+
+
+def connected_groups(items: int, item: Ints, shared: Ints) -> list[list[int]]:
+    """Groups of the items 0 .. items - 1 that share something, directly or through others; the largest first.
+
+    item, shared (K,): each item with each thing that it shares.
+    """
+    order = np.argsort(shared, kind="stable")
+    item, shared = item[order], shared[order]
+    together = shared[1:] == shared[:-1]
+    group = np.arange(items)
+    # Hundreds of thousands of Views join a handful of cameras: each two are looked at once.
+    for pair in np.unique(item[:-1][together] * items + item[1:][together]):
+        left, right = group[pair // items], group[pair % items]
+        if left != right:
+            group[group == max(left, right)] = min(left, right)
+    groups = [np.flatnonzero(group == first).tolist() for first in np.unique(group)]
+    return sorted(groups, key=lambda members: (-len(members), members))
+
+
+def components(problem: Problem, views: Ints | None = None) -> list[list[int]]:
+    """Cameras (indices) that rectangles join, directly or through others; largest group first. views (indices): those
+    that count, all where None."""
+    views = np.arange(len(problem.views)) if views is None else views
+    return connected_groups(len(problem.cameras), problem.camera[views], problem.node[views])
 
 
 def missing_cameras(problem: Problem, kept: list[int]) -> dict[str, str]:

@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from quadrig.rig.adjustment.twist_jacobians import step_by_inner_twist
 from quadrig.single.arrays import Floats, Ints
 from quadrig.single.pose import Pose
-from quadrig.single.rotation import cross_matrix
 
 if TYPE_CHECKING:
     import scipy.sparse
@@ -49,10 +49,7 @@ def average(camera_from_rig: Pose, relatives: "Sequence[Relative]", reference: i
         if distance.max() < _AGREED:
             break
         weight = scale / np.sqrt(1 + (distance / tightness) ** 2)
-        turn = camera_from_rig.rotation[left]
-        block = np.zeros((len(relatives), 6, 6))
-        block[:, :3, :3] = block[:, 3:, 3:] = turn
-        block[:, 3:, :3] = -turn @ cross_matrix(rig_from_right.translation)
+        block = step_by_inner_twist(camera_from_rig.rotation[left], rig_from_right.translation)
         block *= weight[:, None, None]
         pattern = np.concatenate([rows, rows]), np.concatenate([left, right])
         jacobian = _block_matrix(np.concatenate([block, -block]), pattern, (6 * len(relatives), size)) @ held

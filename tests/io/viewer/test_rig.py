@@ -11,6 +11,7 @@ from quadrig.io.commands.inspect import save_rrd
 from quadrig.io.drawing.geometry import apart, ellipsoid, first_eye, level_axes, magnification, up_direction
 from quadrig.io.drawing.rig_figures import arrow_scale, edge_widths, graph_edges, residual_arrows, residual_histogram
 from quadrig.io.rig_file.rig_mcap import RigFile
+from quadrig.rig.doubt.disagreement import disagreements
 from quadrig.rig.doubt.residual_field import residual_field
 from quadrig.rig.doubt.verdict import verdict
 
@@ -102,7 +103,7 @@ def test_every_camera_has_its_field_and_histogram(logged, example_rig):
 
 
 def test_edges_are_thicker_the_more_they_carry(example_rig):
-    edges = graph_edges(example_rig)
+    edges = graph_edges(disagreements(example_rig))
     widths = edge_widths([edge.information for edge in edges])
     order = np.argsort([edge.information for edge in edges])
     assert np.all(np.diff(np.array(widths)[order]) >= 0)

@@ -7,7 +7,8 @@ import pytest
 
 from quadrig.rig.calibration import calibrate
 from quadrig.rig.joint.stages import Joint, solve_jointly
-from quadrig.rig.problem.build import build_problem, components
+from quadrig.rig.problem.build import build_problem
+from quadrig.rig.problem.connectivity import components
 from quadrig.rig.start.lenses_and_poses import start
 from quadrig.rig.start.pose_graph import first_rig, relative_poses
 from quadrig.single.rotation import rotation_from_vector
