@@ -125,7 +125,8 @@ def _first(situation: Situation) -> Advice:
     cameras = situation.cameras
     if len(cameras) == 1:
         return Advice("show", f"hold the sheet in front of {cameras[0]}, tilted this way and that", cameras)
-    return _shared(*_likeliest(situation, list(combinations(cameras, 2))), "")
+    first, second = _likeliest(situation, list(combinations(cameras, 2)))
+    return _together(first, second, f"hold the sheet where {first} and {second} both see it")
 
 
 def _connect(situation: Situation, parts: Sequence[tuple[str, ...]]) -> Advice:
@@ -138,7 +139,9 @@ def _connect(situation: Situation, parts: Sequence[tuple[str, ...]]) -> Advice:
         tries = {camera: sum(camera in pair for pair in situation.refused_pairs) for camera in lone}
         camera = min(lone, key=lambda name: (tries[name], name in seen_by, situation.cameras.index(name)))
         said = "shares nothing with the others" if camera in seen_by else "has not seen the sheet"
-        return _shared(*_likeliest(situation, [p for p in pairs if p[0] == camera]), f"{camera} {said} yet: ")
+        _, other = _likeliest(situation, [pair for pair in pairs if pair[0] == camera])
+        sentence = f"{camera} {said} yet: hold the sheet where {camera} and {other} both see it"
+        return _together(camera, other, sentence)
     groups = (parts[0], parts[1])
     if len(parts[0]) > 1 and not _refused_groups(situation, groups):
         first, second = (" or ".join(part) if len(part) < 4 else f"{part[0]} to {part[-1]}" for part in groups)
@@ -146,11 +149,10 @@ def _connect(situation: Situation, parts: Sequence[tuple[str, ...]]) -> Advice:
         return Advice("connect", sentence, tuple(sorted((*parts[0], *parts[1]))), groups=groups)
     pairs = [(a, b) for k, part in enumerate(parts) for other in parts[k + 1 :] for a in part for b in other]
     first, second = _likeliest(situation, pairs)
-    return _shared(first, second, f"{first} and {second} share nothing yet: ")
+    return _together(first, second, f"{first} and {second} share nothing yet: hold the sheet where both see it")
 
 
-def _shared(first: str, second: str, why: str) -> Advice:
-    sentence = f"{why}hold the sheet where {first} and {second} both see it"
+def _together(first: str, second: str, sentence: str) -> Advice:
     return Advice("connect", sentence, (first, second), groups=((first,), (second,)))
 
 
