@@ -13,8 +13,8 @@ _SHARED = {"__main__", "peers", "simulated"}
 def names() -> dict[str, str]:
     """Every benchmark, with the first line of what it says of itself."""
     files = sorted(file for file in HERE.glob("*.py") if file.stem not in _SHARED)
-    told = {file.stem: ast.get_docstring(ast.parse(file.read_text())) or "" for file in files}
-    return {name: text.partition("\n")[0] for name, text in told.items()}
+    docstrings = {file.stem: ast.get_docstring(ast.parse(file.read_text())) or "" for file in files}
+    return {name: text.partition("\n")[0] for name, text in docstrings.items()}
 
 
 def main() -> None:

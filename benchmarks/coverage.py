@@ -1,4 +1,4 @@
-"""Do the 95 % regions hold the truth? Random rigs such as users make, the noise not told.
+"""Do the 95 % regions hold the truth? Random rigs such as users make, the noise not given.
 
 Poses (six numbers of each camera in the rig frame), lenses (all estimated parameters of each camera, and the focal
 alone), and triangulated points: exact pixels of the true cameras, triangulated by the calibrated rig, and one rigid
@@ -117,7 +117,7 @@ def main() -> None:
                 for name, values in found.items():
                     gathered[into][name] += values
     table = Table(title=f"share of 95 % regions that hold the truth, {len(tasks)} rigs")
-    for column in ("rigs", "poses", "lenses", "focals", "points", "point error / told", "noise / true", "failed"):
+    for column in ("rigs", "poses", "lenses", "focals", "points", "point error / claimed", "noise / true", "failed"):
         table.add_column(column, justify="right")
     for kind, found in gathered.items():
         shares = [_share(found[name]) for name in ("pose", "lens", "focal", "point")]

@@ -28,7 +28,7 @@ _SIGMAS = 6.0
 
 
 def trial(task: tuple[str, int]) -> tuple[bool, bool] | None:
-    """Whether a rig that stood was called moved, and whether a nudge was found; None where nothing can be told."""
+    """Whether a rig that stood was called moved, and whether a nudge was found; None where nothing is known."""
     kind, seed = task
     given, again = KINDS[kind]
     rng = np.random.default_rng(seed)
@@ -38,10 +38,10 @@ def trial(task: tuple[str, int]) -> tuple[bool, bool] | None:
     try:
         rig = calibrate(made.inputs, made.rectangles, made.views)
         still = find_moved(rig, made.rectangles, views_again(made, scene, looked))
-        told = [i for i, move in enumerate(still) if i and np.isfinite(move.chance)]
-        if not told:
+        known = [i for i, move in enumerate(still) if i and np.isfinite(move.chance)]
+        if not known:
             return None
-        index = int(rng.choice(told))
+        index = int(rng.choice(known))
         direction = rng.normal(size=6)
         values, axes = np.linalg.eigh(still[index].covariance)
         step = _SIGMAS * axes @ (np.sqrt(np.maximum(values, 0)) * direction / np.linalg.norm(direction))
@@ -56,7 +56,7 @@ def trial(task: tuple[str, int]) -> tuple[bool, bool] | None:
 def main() -> None:
     """Both figures for each kind of recording."""
     rigs = int(sys.argv[1]) if len(sys.argv) > 1 else 100
-    print(f"{'calibrated from; looked at again with':42}{'told':>6}{'false alarms':>16}{'6 sigmas found':>18}")
+    print(f"{'calibrated from; looked at again with':42}{'known':>6}{'false alarms':>16}{'6 sigmas found':>18}")
     with Pool() as pool:
         for kind in KINDS:
             found = [one for one in pool.map(trial, [(kind, seed) for seed in range(rigs)]) if one is not None]

@@ -2,8 +2,8 @@
 
     python benchmarks/rig.py            (pip install quadrig[bench] for pycolmap)
 
-The data of ../shared/data/bench where it is beside the checkout; else rigs like it are simulated. Peers are told the
-lens that suits each file, and run with another where that is what a user would try; quadrig is told nothing.
+The data of ../shared/data/bench where it is beside the checkout; else rigs like it are simulated. Peers are given the
+lens that suits each file, and run with another where that is what a user would try; quadrig is given nothing.
 """
 
 import os
@@ -116,16 +116,16 @@ def solvers(name: str) -> dict[str, Callable[[Task], Peer]]:
     """quadrig first, then the peers with the lens that the file needs, then with the other."""
     bent = "dist" in name
     found: dict[str, Callable[[Task], Peer]] = {"quadrig": quadrig}
-    for told in (bent, not bent):
-        if "quad" in name and told:
+    for given in (bent, not bent):
+        if "quad" in name and given:
             continue
-        lens = "bent lens" if told else "focal only"
+        lens = "bent lens" if given else "focal only"
         if find_spec("pycolmap"):
-            found[f"pycolmap, {lens}"] = lambda task, told=told: pycolmap_rig(task.cameras, task.views, told)
-            if told == bent:
+            found[f"pycolmap, {lens}"] = lambda task, given=given: pycolmap_rig(task.cameras, task.views, given)
+            if given == bent:
                 usual = f"pycolmap after calibrateCamera, {lens}"
-                found[usual] = lambda task, told=told: pycolmap_rig(task.cameras, task.views, told, usual=True)
-        found[f"calibrateMultiview, {lens}"] = lambda task, told=told: multiview(task.cameras, task.views, told)
+                found[usual] = lambda task, given=given: pycolmap_rig(task.cameras, task.views, given, usual=True)
+        found[f"calibrateMultiview, {lens}"] = lambda task, given=given: multiview(task.cameras, task.views, given)
     return found
 
 

@@ -98,7 +98,7 @@ def views_again(
     path: Pose | None = None,
 ) -> list[View]:
     """Views of a new recording of the same room: the sheet held elsewhere, or along a path (F,); the cameras where
-    told or as they were."""
+    given or as they were."""
     rng = np.random.default_rng(seed)
     sheet, points = _sheet(scene)
     poses = made.world_from_camera if world_from_camera is None else world_from_camera

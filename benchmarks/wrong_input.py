@@ -90,7 +90,7 @@ def named(rig: Rig, made: Simulated, whole: set, single: set) -> tuple[int, int,
 
 
 def outnumbered(made: Simulated, whole: set) -> set:
-    """The wrong Views whose rectangle pose was seen rightly by two other cameras: one against one nobody can tell."""
+    """The wrong Views whose rectangle pose was seen rightly by two other cameras, the least that can say so."""
     moving = {r.name for r in made.rectangles if r.moving}
     right: dict[tuple[str, int], set[str]] = defaultdict(set)
     for view in made.views:

@@ -86,7 +86,7 @@ class Errors:
 
 
 def errors_of(rect_from_camera: Pose, focal: np.ndarray, truth: Pose, seconds: float) -> Errors:
-    """Errors against the truth. Of two poses that a formal projection cannot tell apart (every point's depth changes
+    """Errors against the truth. Of two poses that a formal projection cannot distinguish (every point's depth changes
     its sign) the one on the truth's side of the sheet counts."""
     rotation, T = rect_from_camera.rotation, rect_from_camera.translation
     other_side = T[..., 2] * truth.translation[2] < 0
@@ -173,7 +173,7 @@ def table_2(
         pose = Pose(rotation, -3.8 * rotation[:, 2]).inverse()
         others.append(image_of(pose, points) + rng.normal(0, noise, (runs, 64, 2)))
 
-    # OpenCV needs 5 ms a run, and 90 where a formal projection leads it astray: fewer runs tell the same.
+    # OpenCV needs 5 ms a run, and 90 where a formal projection leads it astray: fewer runs show the same.
     most = 100 if photographed else 10
 
     def run(method) -> Errors:

@@ -27,8 +27,8 @@ width = 0.15
 height = 0.15
 marking = { kind = "tag", dictionary = "aruco_4x4_250", id = 0 }
 """
-# The file says no sigmas: these (px, rad, m) are what a good calibration of such a rig has.
-FOCAL_SIGMA, TURN_SIGMA, PLACE_SIGMA = 2.5, np.radians(0.05), 0.005
+# The file gives no sigmas: these (px, rad, m) are what a good calibration of such a rig has.
+FOCAL_SIGMA, ROTATION_SIGMA, POSITION_SIGMA = 2.5, np.radians(0.05), 0.005
 # The square of 150 mm says that a unit of the file is a millimetre.
 METRES = 1e-3
 # Half of the pictures' 5312x2988, which is plenty for a square of hundreds of pixels.
@@ -44,7 +44,7 @@ def given_rig(given: dict) -> Rig:
         rig_from_camera = world_from_camera[0].inverse() @ world_from_camera[index]
         cameras.append(Camera(f"camera_{index:02d}", lens, rig_from_camera, ("focal",)))
     sigmas = np.zeros((len(cameras), CAMERA_PARAMETERS))
-    sigmas[:, 0], sigmas[1:, -6:-3], sigmas[1:, -3:] = FOCAL_SIGMA, TURN_SIGMA, PLACE_SIGMA
+    sigmas[:, 0], sigmas[1:, -6:-3], sigmas[1:, -3:] = FOCAL_SIGMA, ROTATION_SIGMA, POSITION_SIGMA
     return Rig("camera_00", tuple(cameras), (), np.diag(sigmas.ravel() ** 2))
 
 

@@ -83,18 +83,18 @@ def a_room(rng: np.random.Generator) -> Room:
     lenses, poses = [], []
     for corner in np.deg2rad([45, 135, 225, 315]):
         angle, distance = corner + rng.uniform(-0.25, 0.25), rng.uniform(1.9, 2.5)
-        place = np.array([distance * np.sin(angle), rng.uniform(-0.9, -0.3), -distance * np.cos(angle)])
-        poses.append(looking_at(place, np.array([rng.uniform(-0.3, 0.3), 0.0, rng.uniform(-0.3, 0.3)])))
+        position = np.array([distance * np.sin(angle), rng.uniform(-0.9, -0.3), -distance * np.cos(angle)])
+        poses.append(looking_at(position, np.array([rng.uniform(-0.3, 0.3), 0.0, rng.uniform(-0.3, 0.3)])))
         lenses.append(Intrinsics.centred(960, 540, rng.uniform(650, 850)))
     return Room(tuple(lenses), tuple(poses))
 
 
-def looking_at(place: Floats, target: Floats) -> Pose:
+def looking_at(position: Floats, target: Floats) -> Pose:
     """world_from_camera, upright, the world's y axis pointing down."""
-    z = (target - place) / np.linalg.norm(target - place)
+    z = (target - position) / np.linalg.norm(target - position)
     x = np.cross([0.0, 1.0, 0.0], z)
     x /= np.linalg.norm(x)
-    return Pose(np.stack([x, np.cross(z, x), z], axis=-1), place)
+    return Pose(np.stack([x, np.cross(z, x), z], axis=-1), position)
 
 
 def framesets_until(target: float, person: Person, room: Room, rng: np.random.Generator) -> tuple[int, Rig | None]:
@@ -137,10 +137,10 @@ def framesets_until(target: float, person: Person, room: Room, rng: np.random.Ge
 
 def waves(rng: np.random.Generator, room: Room, _advice: Advice, _rig: Rig | None) -> Pose:
     """Somebody who hears nothing: anywhere in the middle of the room, facing one camera or another, tilted."""
-    place = rng.uniform([-0.7, -0.5, -0.7], [0.7, 0.4, 0.7])
+    position = rng.uniform([-0.7, -0.5, -0.7], [0.7, 0.4, 0.7])
     camera = room.world_from_cameras[rng.integers(len(room.names))]
-    facing = looking_at(camera.translation, place).rotation
-    return Pose(facing @ rotation_from_vector(rng.uniform(-0.7, 0.7, 3)), place)
+    facing = looking_at(camera.translation, position).rotation
+    return Pose(facing @ rotation_from_vector(rng.uniform(-0.7, 0.7, 3)), position)
 
 
 def obeys(rng: np.random.Generator, room: Room, advice: Advice, rig: Rig | None) -> Pose:
@@ -152,14 +152,14 @@ def obeys(rng: np.random.Generator, room: Room, advice: Advice, rig: Rig | None)
     cameras = next_to_each_other(room, groups[0], groups[1])
     viewpoint = np.mean([camera.translation for camera in cameras], axis=0)
     # In the middle of the room, before the two cameras, and turned to half way between them.
-    place = 0.15 * viewpoint + rng.uniform(-0.2, 0.2, 3)
-    return trembled(rng, Pose(looking_at(viewpoint, place).rotation, place))
+    position = 0.15 * viewpoint + rng.uniform(-0.2, 0.2, 3)
+    return trembled(rng, Pose(looking_at(viewpoint, position).rotation, position))
 
 
 def next_to_each_other(room: Room, first: tuple[str, ...], second: tuple[str, ...]) -> tuple[Pose, Pose]:
     """The cameras, one of each group, that somebody in the room sees next to each other."""
-    place = dict(zip(room.names, room.world_from_cameras, strict=True))
-    pairs = [(place[a], place[b]) for a in first for b in second if a != b]
+    position = dict(zip(room.names, room.world_from_cameras, strict=True))
+    pairs = [(position[a], position[b]) for a in first for b in second if a != b]
     return min(pairs, key=lambda pair: float(np.linalg.norm(pair[0].translation - pair[1].translation)))
 
 
@@ -175,9 +175,9 @@ def true_error(room: Room, rig: Rig) -> float:
     world = rng.uniform([-0.6, -0.4, -0.6], [0.6, 0.3, 0.6], (60, 3))
     found, truth = [], []
     for point in world:
-        place = triangulated(room, rig, point)
-        if place is not None:
-            found.append(place)
+        position = triangulated(room, rig, point)
+        if position is not None:
+            found.append(position)
             truth.append(point)
     a, b = np.array(found), np.array(truth)
     u, _, vt = np.linalg.svd((a - a.mean(0)).T @ (b - b.mean(0)))

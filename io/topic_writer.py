@@ -30,7 +30,7 @@ class TopicWriter:
         self._writer.add_message(self._channels[topic], stamp, message.SerializeToString(), stamp)
 
     def declare_json(self, topic: str, kind: str, schema: bytes = _ANY_JSON) -> None:
-        """Say what the JSON of a topic is: the name of its schema, and the schema."""
+        """Declare what the JSON of a topic is: the name of its schema, and the schema."""
         schema_id = self._writer.register_schema(kind, "jsonschema", schema)
         self._channels[topic] = self._writer.register_channel(topic, "json", schema_id)
 

@@ -20,7 +20,7 @@ Result = TypeVar("Result")
 
 # A worker may be killed by chance (memory, a colleague); a task that kills three in a row is itself the cause.
 _ROUNDS_WITHOUT_PROGRESS = 3
-# A process that is told to end is gone in milliseconds, unless the disk holds it; Ctrl-C promises a second.
+# A process that is asked to end is gone in milliseconds, unless the disk holds it; Ctrl-C promises a second.
 _SECONDS_TO_END = 0.3
 
 
@@ -146,5 +146,5 @@ def _begin_worker() -> None:
 
 
 def _end(_number: int, _frame: FrameType | None) -> None:
-    """A worker that is told to end finishes or removes on its way out what it is writing."""
+    """A worker that is asked to end finishes or removes on its way out what it is writing."""
     sys.exit(1)

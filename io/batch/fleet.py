@@ -132,7 +132,7 @@ def _run(task: _Task) -> Outcome:
     except QuadrigError as error:
         return Outcome(task.job, str(error), failed=True, seconds=monotonic() - began)
     except Exception as error:
-        what = f"{task.job.recording[0]}: unexpected {type(error).__name__}: {error}"
+        what = f"{task.job.recording[0]}: unexpected error ({type(error).__name__}: {error})"
         return Outcome(task.job, what, failed=True, seconds=monotonic() - began)
     return Outcome(task.job, message, seconds=monotonic() - began)
 

@@ -26,11 +26,11 @@ def calibrate(
     config: Annotated[Path, typer.Option("--config", "-c", help="What stands in the room.")] = Path("rig.toml"),
     output: Annotated[Path, typer.Option("--output", "-o", help="The rig to write.")] = Path("rig.mcap"),
     only: Annotated[
-        list[str] | None, typer.Option(help="Solve this camera anew, the others stay as --from has them; repeatable.")
+        list[str] | None, typer.Option(help="Re-solve this camera; the others stay as --from has them; repeatable.")
     ] = None,
     before: Annotated[Path | None, typer.Option("--from", help="The rig.mcap from before a camera moved.")] = None,
     all_cameras: Annotated[
-        bool, typer.Option("--all-cameras", help="Fail, and write no rig, rather than leave a camera out.")
+        bool, typer.Option("--all-cameras", help="Fail, and write no rig, where a camera cannot be placed.")
     ] = False,
     tolerance: Annotated[float | None, typer.Option(help="Most that stamps of one instant differ, seconds.")] = None,
     share: Annotated[
@@ -40,7 +40,7 @@ def calibrate(
         Path | None,
         typer.Option(help="Where what was found is kept for the next run; else rig.detections.mcap beside rig.mcap."),
     ] = None,
-    no_cache: Annotated[bool, typer.Option("--no-cache", help="Keep nothing, and search every image anew.")] = False,
+    no_cache: Annotated[bool, typer.Option("--no-cache", help="Keep nothing, and search every image again.")] = False,
     workers: Annotated[int | None, typer.Option(min=1, help="Worker processes; else one a processor.")] = None,
     each: Annotated[
         bool,
@@ -52,9 +52,9 @@ def calibrate(
 ) -> None:
     """Calibrate the cameras of a recording.
 
-    Finds the rectangles of rig.toml in every image, solves lenses and poses together, says how sure each is, and
-    writes rig.mcap. Cameras that share no rectangle with the others are left out, and it is said why. What was found
-    is kept in rig.detections.mcap: the same command does not search again what was searched, also after Ctrl-C.
+    Finds the rectangles of rig.toml in every image, solves lenses and poses together, with how sure each is, and
+    writes rig.mcap. Cameras that share no rectangle with the others are not placed, and the reason is given. What was
+    found is kept in rig.detections.mcap: the same command does not search again what was searched, also after Ctrl-C.
 
     Example: rig calibrate room.mcap --config rig.toml -o rig.mcap
 
@@ -90,7 +90,7 @@ def calibrate(
     if all_cameras:
         refuse_missing(rig)
     for sentence in rig.missing.values():
-        print(f"left out: {sentence}", file=sys.stderr)
+        print(f"not placed: {sentence}", file=sys.stderr)
     write_rig(output, rig, described.text, searched.times)
     _show(rig, output, as_json)
 

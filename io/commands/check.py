@@ -21,7 +21,7 @@ from quadrig.single.view import View
 MOVED = 3
 """Exit code where a camera has moved."""
 
-# Consecutive framesets that tell how a rectangle moves, with some to spare at both ends.
+# Consecutive framesets that show how a rectangle moves, with some to spare at both ends.
 _RUN = 20
 
 
@@ -34,10 +34,10 @@ def check(
     framesets: Annotated[int, typer.Option(min=1, help="Search at most this many framesets.")] = 120,
     as_json: Annotated[bool, typer.Option("--json", help="The answers as JSON.")] = False,
 ) -> None:
-    """Tell from a new recording whether a camera has moved since the rig was calibrated.
+    """Find out from a new recording whether a camera has moved since the rig was calibrated.
 
-    Leaves with 0 where none moved, 3 where one did, 1 where nothing can be told. Rectangles may stand elsewhere than
-    they did; all cameras moving together is not seen.
+    Exits with 0 where none moved, 3 where one did, 1 where it cannot be determined. Rectangles may stand elsewhere
+    than they did; all cameras moving together is not seen.
 
     Example: rig check rig.mcap tonight.mcap --json
     """
@@ -47,12 +47,12 @@ def check(
     if out_of_step(held.rig):
         print(
             "note: Views of this rig disagree by far more than their sigmas (cameras out of step, or a bent "
-            "rectangle), so that small moves may be called that are none",
+            "rectangle), so that small moves may be reported that are none",
             file=sys.stderr,
         )
     print(json.dumps(move_values(moves, false_alarms), indent=2) if as_json else "\n".join(map(sentence, moves)))
     if all(move.state == "cannot tell" for move in moves):
-        raise QuadrigError(f"{recording[0]}: nothing can be told of any camera; {moves[0].why}")
+        raise QuadrigError(f"{recording[0]}: whether a camera has moved cannot be determined; {moves[0].why}")
     if any(move.state == "moved" for move in moves):
         raise typer.Exit(MOVED)
 
@@ -99,7 +99,7 @@ def views_of(held: RigFile, paths: Sequence[Path], most: int) -> tuple[tuple[Rec
 
 def spread_runs(count: int, most: int) -> np.ndarray:
     """Indices of at most so many of `count` framesets, in runs that are spread over all: in a run the paths of moving
-    rectangles are told, and with them the clocks of cameras that are out of step."""
+    rectangles are determined, and with them the clocks of cameras that are out of step."""
     if count <= most:
         return np.arange(count)
     length_of_run = min(_RUN, most)
@@ -138,5 +138,5 @@ def _values(move: CameraMove) -> dict:
         "chance": move.chance,
         "would_be_found_mm": 1e3 * move.found,
     }
-    told = {name: float(figure) if np.isfinite(figure) else None for name, figure in figures.items()}
-    return {"state": move.state, **told, "instead": list(move.instead), "why": move.why}
+    values = {name: float(figure) if np.isfinite(figure) else None for name, figure in figures.items()}
+    return {"state": move.state, **values, "instead": list(move.instead), "why": move.why}

@@ -52,7 +52,7 @@ def comparison_values(found: Comparison) -> dict:
 
 
 def summary(found: Comparison) -> list[str]:
-    """What the comparison says, in sentences."""
+    """The comparison in sentences."""
     sentences = []
     if found.chance < _UNLIKELY:
         worst = max(found.cameras, key=lambda one: one.sigmas)
@@ -72,7 +72,7 @@ def _print(found: Comparison) -> None:
     from rich.table import Table
 
     table = Table(title="second minus first, in the first's frame", title_justify="left")
-    for column in ("camera", "focal px", "position", "turn degrees", "sigmas"):
+    for column in ("camera", "focal px", "position", "rotation degrees", "sigmas"):
         table.add_column(column, justify="left" if column == "camera" else "right")
     for one in found.cameras:
         table.add_row(

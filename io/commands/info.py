@@ -17,7 +17,7 @@ def info(
     tolerance: Annotated[float | None, typer.Option(help="Most that stamps of one instant differ, seconds.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="For programs.")] = False,
 ) -> None:
-    """Say what is in a recording, which topics are cameras and what would be used; or what a rig.mcap holds.
+    """Show what is in a recording, which topics are cameras and what would be used; or what a rig.mcap holds.
 
     Images are grouped by the time of their recording here, which is quick; calibrate goes by their own stamps.
 

@@ -19,9 +19,9 @@ COMMANDS = {
     "inspect": "Look at a calibrated rig in rerun.",
     "report": "Write a calibrated rig and its evidence as one HTML page.",
     "export": "Write a calibrated rig in the format of another program.",
-    "check": "Tell from a new recording whether a camera has moved.",
+    "check": "Find out from a new recording whether a camera has moved.",
     "compare": "Compare two calibrated rigs.",
-    "info": "Say what a recording or a rig.mcap holds.",
+    "info": "Show what a recording or a rig.mcap holds.",
     "single": "Focal and pose of one camera from one picture.",
     "target": "Draw a sheet with markings to print.",
 }
@@ -36,7 +36,7 @@ _INTERRUPTED = 130
 
 
 def main() -> None:
-    """The entry point of `rig`: runs a command and leaves with its exit code, never with a traceback."""
+    """The entry point of `rig`: runs a command and exits with its code, never with a traceback."""
     sys.exit(run(sys.argv[1:]))
 
 
@@ -100,7 +100,7 @@ def _version(asked: bool) -> None:
 
 def _options(
     version: Annotated[
-        bool, typer.Option("--version", callback=_version, is_eager=True, help="Say the version and leave.")
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Show the version and exit.")
     ] = False,
 ) -> None:
     pass
@@ -112,7 +112,7 @@ def _sentence(error: Exception, command: str) -> str:
     if isinstance(error, OSError) and error.filename is not None and error.strerror:
         return f"{error.filename}: {error.strerror[:1].lower()}{error.strerror[1:]}"
     what = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
-    return f"{command or 'rig'} met something it did not expect ({what}); RIG_TRACEBACK=1 rig ... shows where"
+    return f"unexpected error ({what}); RIG_TRACEBACK=1 rig {command} ... shows where"
 
 
 def _say(sentence: str) -> None:

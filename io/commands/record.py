@@ -53,7 +53,7 @@ def record(
             f"{one.name}: {done.images[one.name]} images {one.width}x{one.height}, {done.encoded.get(one.name, '')}"
         )
     if done.unreadable:
-        print(f"{done.unreadable} images could not be read and were left out")
+        print(f"{done.unreadable} images could not be read and were skipped")
     print(f"{output}: {done.bytes / 1e6:.1f} MB")
 
 

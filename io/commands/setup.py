@@ -36,7 +36,7 @@ def setup(
     until: Annotated[str, typer.Option(help="Stop at this accuracy, such as 1mm.", metavar="LENGTH")] = "",
     resume: Annotated[bool, typer.Option("--resume", help="Go on from the recording that is there.")] = False,
     overwrite: Annotated[
-        bool, typer.Option("--overwrite", help="Begin anew over a recording that is there.")
+        bool, typer.Option("--overwrite", help="Start again over a recording that is there.")
     ] = False,
     web: Annotated[bool, typer.Option("--web", help="Show it in a browser, at 127.0.0.1.")] = False,
     no_viewer: Annotated[bool, typer.Option("--no-viewer", help="Show it on the terminal only.")] = False,
@@ -45,7 +45,7 @@ def setup(
     tolerance: Annotated[
         float | None, typer.Option(help="Seconds between frames of one instant; from the rates where not given.")
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Say the result as JSON.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="The result as JSON.")] = False,
 ) -> None:
     """Calibrate live cameras, coached: hold the sheet where it says until it says it is good.
 
@@ -70,7 +70,7 @@ def setup(
 
 
 def _write_report(output: Path) -> None:
-    """The page that tells a person what the rig is good for, beside it."""
+    """The page that shows a person what the rig is good for, beside it."""
     from quadrig.io.report.page import report_html
     from quadrig.io.rig_file.rig_mcap import read_rig_file
     from quadrig.io.whole_file import write_text
@@ -100,7 +100,7 @@ def chosen_sources(texts: list[str], config: RigConfig, folder: Path) -> dict[st
 
 
 def _named(text: str, index: int) -> tuple[str, str]:
-    """A name and a source; the name of a file or folder is its own, of anything else cam and its place."""
+    """A name and a source; the name of a file or folder is its own, of anything else cam and its number."""
     match = re.fullmatch(r"([A-Za-z0-9_.-]+)=(.+)", text)
     if match is not None:
         return match[1], match[2]
@@ -121,7 +121,7 @@ def _recordings(output: Path, resume: bool, overwrite: bool) -> tuple[Path, tupl
         return output.with_name(f"{output.stem}-recording-{_part(earlier[-1]) + 1}.mcap"), earlier
     if earlier and not overwrite:
         raise QuadrigError(
-            f"{earlier[0]} is there already; go on from it with --resume, or begin anew with --overwrite"
+            f"{earlier[0]} is there already; go on from it with --resume, or start again with --overwrite"
         )
     for path in earlier:
         path.unlink()
@@ -146,7 +146,7 @@ def _run(plan: SetupPlan, web: bool, no_viewer: bool, save: Path | None) -> Setu
 
 
 def _screens(plan: SetupPlan, web: bool, no_viewer: bool, save: Path | None):
-    """The terminal, and beside it a viewer where there is one; a window that cannot open is said, not fatal."""
+    """The terminal, and beside it a viewer where there is one; a window that cannot open is reported, not fatal."""
     from quadrig.io.live.terminal import PlainScreen, TerminalScreen
 
     screens: list[Screen] = []
@@ -194,10 +194,10 @@ def _as_text(result: SetupResult, output: Path, plan: SetupPlan) -> str:
     lines = [f"{good_for(rig)}: {result.kept} framesets kept of {result.framesets}, {result.ending}"]
     for camera in rig.cameras:
         sigma = rig.position_sigma(camera.name)
-        place = f"place ± {length(sigma)}" if sigma > 0 else "the reference"
+        position = f"position ± {length(sigma)}" if sigma > 0 else "the reference"
         lines.append(
-            f"{camera.name}: focal {camera.intrinsics.focal:.1f} ± {rig.focal_sigma(camera.name):.1f} px, {place}, "
-            f"{camera.views} Views, rms {camera.rms:.2f} px"
+            f"{camera.name}: focal {camera.intrinsics.focal:.1f} ± {rig.focal_sigma(camera.name):.1f} px, "
+            f"{position}, {camera.views} Views, rms {camera.rms:.2f} px"
         )
     lines += list(_missing(result, plan).values())
     if result.fault is not None:

@@ -44,7 +44,7 @@ def single(
     chessboard: Annotated[
         str | None, typer.Option(help="A chessboard, as COLUMNSxROWS:SQUARE, squares and metres.")
     ] = None,
-    plain: Annotated[bool, typer.Option("--plain", help="A blank sheet: the default where nothing is said.")] = False,
+    plain: Annotated[bool, typer.Option("--plain", help="A blank sheet: the default where none is given.")] = False,
     focal: Annotated[float | None, typer.Option(help="The focal where it is known, px.")] = None,
     principal_point: Annotated[
         str | None, typer.Option(help="The principal point where it is known, as x,y; else the middle.")
@@ -66,7 +66,7 @@ def single(
 ) -> None:
     """Focal and pose of a camera from one picture of a rectangle of known size, with what limits them.
 
-    A photograph's own turn (EXIF) is applied first: corners are pixels of the picture as one sees it.
+    A photograph's own rotation (EXIF) is applied first: corners are pixels of the picture as one sees it.
 
     Examples: rig single desk.jpg --paper A4;
     rig single desk.jpg --tag apriltag_36h11:7 --width 0.16;
@@ -75,14 +75,14 @@ def single(
     picture = read_picture(image)
     size = _size(width, height, paper, portrait)
     rectangle = _rectangle(size, _marking(corners, tag, charuco, chessboard, plain))
-    said: list[str] = []
+    remarks: list[str] = []
     if corners is None:
         view = _found(picture, rectangle, image)
     else:
         turned, changed = in_turn(np.array([_point(text, "--corners") for text in corners]))
         view = View(rectangle.name, rectangle.corners, turned, sigma=_POINTED)
         if changed:
-            said.append("the corners turn the wrong way round: they were read as with y upwards, last to first")
+            remarks.append("the corners turn the wrong way round: they were read as with y upwards, last to first")
     if sigma is not None:
         if not sigma > 0:
             raise QuadrigError(f"--sigma {sigma}: give a standard deviation above zero, in pixels")
@@ -101,11 +101,11 @@ def single(
 
         save_calibration(save, picture, rectangle, view, calibration)
     report = json_report if as_json else text_report
-    print(report(image.name, rectangle, view, calibration, said))
+    print(report(image.name, rectangle, view, calibration, remarks))
 
 
 def read_picture(path: Path) -> Picture:
-    """The picture (h, w, 3) uint8, blue green red, turned as its EXIF says. Raises QuadrigError where it is none."""
+    """The picture (h, w, 3) uint8, blue green red, upright by its EXIF. Raises QuadrigError where it is none."""
     if not path.is_file():
         raise QuadrigError(f"{path} is not there; give a picture")
     picture = (
@@ -232,6 +232,6 @@ def _found(picture: Picture, rectangle: Rectangle, path: Path) -> View:
             "plain": "a blank sheet",
         }[rectangle.marking.kind]
         raise QuadrigError(
-            f"{path}: {sought} is not to be found; show it whole, sharp and flat, or give --corners by hand"
+            f"{path}: {sought} was not found; show it whole, sharp and flat, or give --corners by hand"
         )
     return views[0]

@@ -1,4 +1,4 @@
-"""`rig target`: draw a sheet with markings to print, and say its rig.toml lines."""
+"""`rig target`: draw a sheet with markings to print, and print its rig.toml lines."""
 
 import sys
 from enum import StrEnum
@@ -64,10 +64,10 @@ def target(
         Path | None, typer.Option(help="rig.toml to put these rectangles into, by name; made where there is none.")
     ] = None,
 ) -> None:
-    """Draw markings at their exact size, with cutting marks and a ruler, and say their rig.toml lines.
+    """Draw markings at their exact size, with cutting marks and a ruler, and print their rig.toml lines.
 
     Print at actual size and measure the ruler; where it is not as long as it says, run the same command with
-    --measured (and --config rig.toml): the lines then tell the size that was really printed.
+    --measured (and --config rig.toml): the lines then give the size that was really printed.
 
     Example: rig target --kind tag --ids 0-3 --paper A4 -o sheet.pdf
     """
@@ -77,7 +77,7 @@ def target(
         page = paper_named(paper, across=False)
         rectangles = _tags(ids, dictionary, page, size, per_page, name or "tag", moves)
     else:
-        # By default an odd and an even count, so that a chessboard turned by 180 degrees is told from itself.
+        # By default an odd and an even count, so that a chessboard turned by 180 degrees differs from itself.
         usual = (9, 6) if kind is Kind.chessboard else (7, 5)
         columns, rows = columns or usual[0], rows or usual[1]
         page = paper_named(paper, across=columns >= rows)
@@ -120,7 +120,7 @@ def _board_marking(
 
 
 def _put_into(path: Path, rectangles: list[Rectangle]) -> None:
-    """Add the rectangles to a rig.toml; those of the same names are replaced, and the file then written anew."""
+    """Add the rectangles to a rig.toml; those of the same names are replaced, and the file then written again."""
     if not path.exists():
         write_text(path, target_toml(rectangles))
         return

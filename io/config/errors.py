@@ -1,4 +1,4 @@
-"""msgspec's errors in rig.toml, told as one sentence that names file, line, key and what is allowed."""
+"""msgspec's errors in rig.toml as one sentence that names file, line, key and what is allowed."""
 
 import re
 import types

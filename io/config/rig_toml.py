@@ -1,4 +1,4 @@
-"""rig.toml: what stands in the room. Read strictly, told plainly where it is wrong, written back."""
+"""rig.toml: what stands in the room. Read strictly, what is wrong in it named by its line, written back."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -101,7 +101,7 @@ class _File(_Table):
 class CameraConfig:
     """One [[camera]] of rig.toml.
 
-    topic: the recording's topic, None where the name says it. source: a device number, stream, video or folder for
+    topic: the recording's topic, None where the name is enough. source: a device number, stream, video or folder for
     rig record and rig setup. focal, principal_point (2,), distortion (5,): prior intrinsics in pixels, None where
     not given; fixed: they are the truth and stay. lens: which parameters are estimated.
     """
@@ -155,7 +155,7 @@ class RigConfig:
 def read_config(path: Path | str) -> RigConfig:
     """The rig.toml at a path.
 
-    Raises QuadrigError, one sentence with file, line and key, where it cannot be read or says what it may not.
+    Raises QuadrigError, one sentence with file, line and key, where it cannot be read or holds what it may not.
     """
     path = Path(path)
     try:

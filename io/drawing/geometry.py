@@ -13,7 +13,7 @@ RING = [0, 1, 2, 3, 0]
 
 
 def up_direction(rig: Rig) -> Floats:
-    """Up (3,) in the rig frame, as far as the cameras tell: people mount them with the sky at the top of the picture.
+    """Up (3,) in the rig frame, as the cameras show it: people mount them with the sky at the top of the picture.
 
     Cameras that look straight down say nothing; where none says anything, up is against the mean gaze.
     """

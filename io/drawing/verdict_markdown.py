@@ -12,10 +12,10 @@ _MARK = {"good": "✔", "with care": "▲", "not yet": "✘"}
 
 def verdict_markdown(rig: Rig) -> str:
     """Headline, what is good, what is weak and what to do, and the cameras as a table, in Markdown."""
-    told = verdict(rig)
-    lines = [f"## {_MARK[told.grade]} {told.headline}", ""]
-    lines += [*_listed("Why", told.good), *_listed("What is weak, and what to do", told.weak)]
-    if not told.weak:
+    judged = verdict(rig)
+    lines = [f"## {_MARK[judged.grade]} {judged.headline}", ""]
+    lines += [*_listed("Why", judged.good), *_listed("What is weak, and what to do", judged.weak)]
+    if not judged.weak:
         lines += ["Nothing is weak.", ""]
     lines += [*camera_table(rig), "", *_legend(rig)]
     return "\n".join(lines)
@@ -23,7 +23,7 @@ def verdict_markdown(rig: Rig) -> str:
 
 def camera_table(rig: Rig) -> list[str]:
     """The cameras with their figures as lines of a Markdown table."""
-    lines = ["| camera | focal px | position | turn | RMS px | Views |", "|---|---|---|---|---|---|"]
+    lines = ["| camera | focal px | position | rotation | RMS px | Views |", "|---|---|---|---|---|---|"]
     for camera in rig.cameras:
         name = camera.name
         lines.append(
@@ -45,5 +45,5 @@ def _legend(rig: Rig) -> list[str]:
         f"In space: one colour per camera; ellipsoids are position sigmas, drawn {magnification(rig):.0f} times "
         "larger; grey rectangles stand, green ones move along the timeline.",
         "",
-        "In pictures: green found, orange predicted, red left out. Graph: thick lines carry more, red ones disagree.",
+        "In pictures: green found, orange predicted, red rejected. Graph: thick lines carry more, red ones disagree.",
     ]

@@ -30,7 +30,7 @@ def opencv_files(rig: Rig, suffix: str = ".yml") -> dict[str, str]:
 
 
 def node_names(names: list[str]) -> list[str]:
-    """Names that FileStorage takes: letters, digits, _ and -, a letter first; told apart by a number where needed."""
+    """Names that FileStorage takes: letters, digits, _ and -, a letter first; made distinct by numbers."""
     taken: list[str] = []
     for name in names:
         plain = "".join(letter if letter.isascii() and letter.isalnum() else "_" for letter in name)

@@ -10,7 +10,7 @@ Files = dict[str, str]
 
 
 def json_files(rig: Rig) -> Files:
-    """Everything a program needs, with sigmas, as JSON; nan and what cannot be told are null."""
+    """Everything a program needs, with sigmas, as JSON; what is not determined is null."""
     return {"rig.json": json.dumps(rig_values(rig), indent=2) + "\n"}
 
 

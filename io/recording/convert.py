@@ -32,7 +32,7 @@ _PNG_LEVEL = 1
 
 @dataclass(frozen=True)
 class Recorded:
-    """What was written: images and bytes by camera; unreadable: images that had to be left out."""
+    """What was written: images and bytes by camera; unreadable: images that had to be skipped."""
 
     images: dict[str, int]
     bytes: int

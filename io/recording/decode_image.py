@@ -1,7 +1,7 @@
 """From the bytes of one image to an array: grey for detection, BGR for looking at.
 
 Encodings are those of ROS 2 (sensor_msgs/image_encodings) and Foxglove (RawImage): both are covered by one table.
-Images come as their sensor saw them: an EXIF turn is not applied, since it would move the principal point.
+Images come as their sensor saw them: an EXIF rotation is not applied, since it would move the principal point.
 """
 
 import cv2
@@ -49,7 +49,7 @@ _REDUCED = {
 
 
 class UndecodableImage(ValueError):  # noqa: N818 - it names the image, which is what a person has to look at
-    """The bytes of one image cannot be read: the frame is left out, the recording goes on."""
+    """The bytes of one image cannot be read: the frame is skipped, the recording goes on."""
 
 
 def is_depth(encoding: str) -> bool:

@@ -88,7 +88,7 @@ def read_image_folder(folder: Path) -> ImageFiles:
 
 
 def _numbers(stems: Sequence[str]) -> Ints:
-    """The number that tells the images apart: the last group of digits that differs in every one."""
+    """The number that distinguishes the images: the last group of digits that differs in every one."""
     groups = [re.findall(r"\d+", stem) for stem in stems]
     counts = {len(group) for group in groups}
     if len(counts) == 1:

@@ -196,7 +196,7 @@ class _Scan:
             elif op == Opcode.DATA_END:
                 return
             elif op == _NO_RECORD:
-                self._say(f"the file is damaged at byte {position}, and what follows is left out")
+                self._say(f"the file is damaged at byte {position}, and what follows is skipped")
                 return
             elif op == Opcode.MESSAGE:
                 self._message(self.stream.read(_MESSAGE_HEADER.size), _TOP_LEVEL, position)
@@ -268,9 +268,9 @@ class _Scan:
         except QuadrigError as error:
             raise QuadrigError(f"{self.path}: {error}") from error
         except Exception:
-            self._say(f"the chunk at byte {position} is damaged and left out")
+            self._say(f"the chunk at byte {position} is damaged and skipped")
             return next_record
-        # A chunk at the end of a cut file is told of as the cut; of others the two lengths must agree.
+        # A chunk at the end of a cut file is reported as the cut; of others the two lengths must agree.
         if end < self.size and (len(data) < size or data_start + stored != end):
             self._say(f"the chunk at byte {position} is damaged and used as far as it goes")
         for offset, op, begin, stop in _record_places(data):

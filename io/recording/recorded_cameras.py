@@ -60,7 +60,7 @@ class Recording:
     """Cameras that recorded together.
 
     paths: as they were given; files: the MCAP files, videos and folders of images that were found there and hold
-    images. notes: what was left out or taken in a way worth saying, in sentences.
+    images. notes: what was not used, or used in a way worth knowing, in sentences.
     """
 
     paths: tuple[Path, ...]
@@ -209,7 +209,7 @@ def _camera_of_topic(
             try:
                 coded = opened.image(index)
                 if is_depth(coded.encoding) and not asked:
-                    notes.append(f"topic {name} holds depths ({coded.encoding}), not images, and is left out")
+                    notes.append(f"topic {name} holds depths ({coded.encoding}), not images, and is not used")
                     return None
                 if holds_video(messages.schema):
                     return camera_of_source(camera_name(name), name, McapVideo(messages, coded.encoding))
@@ -218,7 +218,7 @@ def _camera_of_topic(
                 reason = str(error)
                 continue
             return RecordedCamera(camera_name(name), name, width, height, McapImages(messages, coded.encoding))
-    notes.append(f"topic {name} is left out: its images cannot be read ({reason})")
+    notes.append(f"topic {name} is not used: its images cannot be read ({reason})")
     return None
 
 
@@ -283,5 +283,5 @@ def _one_of_each_name(cameras: Sequence[RecordedCamera], notes: list[str]) -> li
             best[camera.name] = camera
         else:
             used = best[camera.name].topic
-            notes.append(f"camera {camera.name!r}: {camera.topic} shows the same as {used} and is left out")
+            notes.append(f"camera {camera.name!r}: {camera.topic} shows the same as {used} and is not used")
     return [best[name] for name in sorted(best)]

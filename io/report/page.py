@@ -46,12 +46,12 @@ def report_html(held: RigFile) -> str:
 
 
 def _verdict(rig: Rig) -> str:
-    told = verdict(rig)
+    held = verdict(rig)
     return (
         f"<h1>Rig of {len(rig.cameras)} cameras</h1>"
-        f'<div class="verdict {_CLASSES[told.grade]}" id="verdict"><h2 style="margin-top:0">{escape(told.headline)}'
-        f"</h2><p>Because:</p>{_items(told.good)}"
-        + (f"<p>What is weak, and what to do:</p>{_items(told.weak)}" if told.weak else "<p>Nothing is weak.</p>")
+        f'<div class="verdict {_CLASSES[held.grade]}" id="verdict"><h2 style="margin-top:0">{escape(held.headline)}'
+        f"</h2><p>Because:</p>{_items(held.good)}"
+        + (f"<p>What is weak, and what to do:</p>{_items(held.weak)}" if held.weak else "<p>Nothing is weak.</p>")
         + "</div>"
     )
 
@@ -61,7 +61,17 @@ def _items(sentences: tuple[str, ...]) -> str:
 
 
 def _cameras_table(rig: Rig) -> str:
-    heads = ("camera", "focal px", "position m", "± position", "± turn", "RMS px", "left out px", "Views", "covered")
+    heads = (
+        "camera",
+        "focal px",
+        "position m",
+        "± position",
+        "± rotation",
+        "RMS px",
+        "held out px",
+        "Views",
+        "covered",
+    )
     cover = coverage(rig)
     rows = [_table_row(rig, camera, cover[camera.name]) for camera in rig.cameras]
     return (
@@ -73,11 +83,11 @@ def _cameras_table(rig: Rig) -> str:
 
 
 def _table_row(rig: Rig, camera: Camera, cover: float) -> str:
-    name, place = camera.name, camera.rig_from_camera.translation
+    name, position = camera.name, camera.rig_from_camera.translation
     cells = [
         f'<span style="color:{hexadecimal(rig_colours(rig)[name])}">●</span> {escape(name)}',
         f"{camera.intrinsics.focal:.2f} ± {rig.focal_sigma(name):.2f}",
-        " ".join(f"{value:.4f}" for value in place.round(4) + 0.0),
+        " ".join(f"{value:.4f}" for value in position.round(4) + 0.0),
         length(rig.position_sigma(name)),
         f"{np.degrees(rig.rotation_sigma(name)):.4f}°",
         _figure(camera.rms),
@@ -105,24 +115,26 @@ def _evidence(rig: Rig) -> str:
         "Views against the rig, in their own sigmas; above the line they contradict it.",
         plots.cycle_errors(rig),
     )
-    out = ("RMS of the fit, and of framesets that took no part in it.", plots.left_out(rig))
-    steps = ("The adjustment, step by step; it begins anew where outliers leave.", plots.steps(rig))
+    out = ("RMS of the fit, and of framesets held out of it.", plots.held_out(rig))
+    steps = ("The adjustment, step by step; it starts again where outliers are rejected.", plots.steps(rig))
     return f"<h2>Evidence</h2>{_row(graph, cycles)}{_row(out, steps)}"
 
 
 def _camera(rig: Rig, camera: Camera) -> str:
     lens, held = camera.intrinsics, residual_field(rig, camera.name)
     distortion = " ".join(f"{value:.4f}" for value in lens.distortion)
-    said = [
+    sentences = [
         f"{lens.width}x{lens.height}, {lens.model}: focal {lens.focal:.2f} ± {rig.focal_sigma(camera.name):.2f} px, "
         f"principal point {lens.principal_point[0]:.1f} {lens.principal_point[1]:.1f}, distortion {distortion}."
     ]
     if camera.lens_reason:
-        said.append(f"Lens: {camera.lens_reason}.")
+        sentences.append(f"Lens: {camera.lens_reason}.")
     if np.isfinite(held.pattern):
         fits = "no pattern" if held.pattern < PATTERN else "a pattern"
-        said.append(f"Residuals of different poses agree {held.pattern:.1f} times as much as chance has it: {fits}.")
-    words = "".join(f"<p>{escape(sentence)}</p>" for sentence in said)
+        sentences.append(
+            f"Residuals of different poses agree {held.pattern:.1f} times as much as chance has it: {fits}."
+        )
+    words = "".join(f"<p>{escape(sentence)}</p>" for sentence in sentences)
     field = ("Residuals and coverage: a pattern means that the lens does not fit.", plots.field(rig, camera))
     return f"<h3>{escape(camera.name)}</h3>{words}" + _row(field, ("Their lengths.", plots.histogram(rig, camera)))
 

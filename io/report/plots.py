@@ -50,10 +50,10 @@ def _draw_camera(plot: Plot, rig: Rig, camera: Camera, colour: Colour, axes: Flo
     plot.line(tips, hexadecimal(colour), 1.2, closed=True)
     plot.segments(np.tile(eye, (4, 1)), tips, hexadecimal(colour), 1.2)
     covariance = axes @ rig.pose_covariance(camera.name)[3:, 3:] @ axes.T
-    sizes, turn = np.linalg.eigh(covariance)
+    sizes, directions = np.linalg.eigh(covariance)
     angle = np.linspace(0, 2 * np.pi, 40)
     round_ = np.stack([np.cos(angle), np.sin(angle)], axis=1) * np.sqrt(np.maximum(sizes, 0)) * magnification(rig)
-    plot.line(eye + round_ @ turn.T, hexadecimal(colour), 1.0, closed=True, fill=hexadecimal(colour) + "40")
+    plot.line(eye + round_ @ directions.T, hexadecimal(colour), 1.0, closed=True, fill=hexadecimal(colour) + "40")
     plot.dots(eye[None], hexadecimal(colour), 2.5)
     plot.text(eye, camera.name, hexadecimal(colour))
 
@@ -84,21 +84,21 @@ def graph(rig: Rig) -> str:
 
 def cycle_errors(rig: Rig) -> str:
     """Each View's disagreement with the rig by frameset, in its own sigmas."""
-    told = [one for one in disagreements(rig) if np.isfinite(one.sigmas)]
-    limit = contradiction_limit(told)
-    framesets = [one.frameset for one in told] or [0]
-    top = max([1.3 * limit, *(one.sigmas for one in told if not one.rejected)])
+    known = [one for one in disagreements(rig) if np.isfinite(one.sigmas)]
+    limit = contradiction_limit(known)
+    framesets = [one.frameset for one in known] or [0]
+    top = max([1.3 * limit, *(one.sigmas for one in known if not one.rejected)])
     bounds_ = (min(framesets) - 0.5, max(framesets) + 0.5)
     plot = Plot(bounds_, (0, 1.05 * top), 520, 240, "frameset", "sigmas")
     plot.line(np.array([[bounds_[0], limit], [bounds_[1], limit]]), hexadecimal(FAULT), 1.0)
     for name, colour in rig_colours(rig).items():
-        own = [(one.frameset, min(one.sigmas, top)) for one in told if one.camera == name and not one.rejected]
+        own = [(one.frameset, min(one.sigmas, top)) for one in known if one.camera == name and not one.rejected]
         plot.dots(np.array(own).reshape(-1, 2), hexadecimal(colour), 2.2)
     return plot.svg("how far each View disagrees with the rig, in its own sigmas")
 
 
-def left_out(rig: Rig) -> str:
-    """RMS of the fit (full) and of framesets left out of it (pale), for each camera."""
+def held_out(rig: Rig) -> str:
+    """RMS of the fit (full) and of framesets held out of it (pale), for each camera."""
     rows = np.nan_to_num([(camera.rms, camera.left_out_rms) for camera in rig.cameras])
     top = max(1e-3, float(rows.max(initial=0.0)))
     height = 30 * len(rows) + 40
@@ -108,9 +108,9 @@ def left_out(rig: Rig) -> str:
         colour = hexadecimal(rig_colours(rig)[camera.name])
         plot.box((0, index + 0.15), (fit, index + 0.5), colour)
         plot.box((0, index + 0.5), (out, index + 0.85), colour, 0.5)
-        said = f"{camera.name}: {fit:.2f} px" + (f", left out {out:.2f} px" if out else "")
-        plot.text((max(fit, out) + 0.03 * top, index + 0.8), said, "currentColor", "start")
-    return plot.svg("RMS of the fit and of framesets left out of it, by camera")
+        words = f"{camera.name}: {fit:.2f} px" + (f", held out {out:.2f} px" if out else "")
+        plot.text((max(fit, out) + 0.03 * top, index + 0.8), words, "currentColor", "start")
+    return plot.svg("RMS of the fit and of framesets held out of it, by camera")
 
 
 def steps(rig: Rig) -> str:

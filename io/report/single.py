@@ -1,4 +1,4 @@
-"""What one picture tells of its camera, as lines for people and as JSON for programs."""
+"""What one picture shows of its camera, as lines for people and as JSON for programs."""
 
 import json
 from collections.abc import Sequence
@@ -15,9 +15,9 @@ from quadrig.single.view import View
 
 
 def text_report(
-    name: str, rectangle: Rectangle, view: View, calibration: Calibration, said: Sequence[str] = ()
+    name: str, rectangle: Rectangle, view: View, calibration: Calibration, remarks: Sequence[str] = ()
 ) -> str:
-    """Lines for people; `said`: sentences on what was put right in the input."""
+    """Lines for people; remarks: sentences on what was put right in the input."""
     lens, pose = calibration.intrinsics, calibration.rect_from_cameras[0]
     sigmas = paper_sigmas(calibration.covariance(), calibration.camera_from_rects[0])
     angles = np.degrees(np.array(angles_from_rotation(pose.rotation)))
@@ -44,12 +44,12 @@ def text_report(
         ("mirror twin", _twin_line(calibration)),
     ]
     lines = [f"{label:<16}{value}" for label, value in rows]
-    lines += [f"- {sentence}" for sentence in (*said, *calibration.notes)]
+    lines += [f"- {sentence}" for sentence in (*remarks, *calibration.notes)]
     return "\n".join(lines)
 
 
 def json_report(
-    name: str, rectangle: Rectangle, view: View, calibration: Calibration, said: Sequence[str] = ()
+    name: str, rectangle: Rectangle, view: View, calibration: Calibration, remarks: Sequence[str] = ()
 ) -> str:
     """The same as JSON; what is without bound is null."""
     lens, pose = calibration.intrinsics, calibration.rect_from_cameras[0]
@@ -88,7 +88,7 @@ def json_report(
         "rms_px": calibration.rms,
         "noise_px": calibration.noise,
         "twin": twin,
-        "notes": [*said, *calibration.notes],
+        "notes": [*remarks, *calibration.notes],
     }
     return json.dumps(_plain(values), indent=2)
 

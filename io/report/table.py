@@ -40,15 +40,15 @@ def summary(rig: Rig) -> str:
     return (
         f"{_count(len(rig.cameras), 'camera')}, {_count(len(rig.rectangles), 'rectangle')}, "
         f"{_count(framesets, 'frameset')}, {len(used)} of {_count(len(rig.fits), 'View')}; "
-        f"RMS {rig.rms:.3f} px, on framesets left out of the fit {rig.left_out_rms:.3f} px; rig frame {rig.reference}"
+        f"RMS {rig.rms:.3f} px, on framesets held out of the fit {rig.left_out_rms:.3f} px; rig frame {rig.reference}"
     )
 
 
 def camera_table(rig: Rig) -> Table:
-    """Per camera: focal, position, rotation with their sigmas, RMS of the fit and left out, Views used, the lens."""
+    """Per camera: focal, position, rotation with their sigmas, RMS of the fit and held out, Views used, the lens."""
     table = Table(box=None, pad_edge=False, header_style="bold")
     table.add_column("camera", no_wrap=True)
-    for heading in ("focal px", "position m", "\u00b1 mm", "rotation \u00b1 deg", "RMS px", "left out", "Views"):
+    for heading in ("focal px", "position m", "\u00b1 mm", "rotation \u00b1 deg", "RMS px", "held out", "Views"):
         table.add_column(heading, justify="right", no_wrap=True)
     table.add_column("lens", no_wrap=True)
     for camera in rig.cameras:

@@ -17,7 +17,7 @@ from quadrig.single.arrays import Floats, Ints
 
 # A JPEG shrinks to a quarter while it is decoded, in a third of the time; motion and focus still show.
 _SHRINK = 4
-# Thumbnails: a board that moved by a tenth of its size is told from one that did not.
+# Thumbnails: a board that moved by a tenth of its size looks different from one that did not.
 _SIZE = (32, 18)
 _BATCH = 32
 # Where a fifth or less of many framesets is wanted, every other one is looked at: its neighbour shows the same.
@@ -51,21 +51,21 @@ def look_at(recording: Recording, framesets: Framesets, effort: Effort = EVERY_I
     shape = framesets.frames.shape
     thumbnails = np.full((*shape, _SIZE[1], _SIZE[0]), np.nan, np.float32)
     sharpness = np.full(shape, np.nan)
-    batches, places = [], []
+    batches, rows = [], []
     for column, name in enumerate(framesets.cameras):
         source = recording.camera(name).source
         sets, images = framesets.of_camera(name)
         for part in source.batches(images, _BATCH):
             batches.append(_Batch(column, part, source.part(part)))
-            places.append(sets[np.searchsorted(images, part)])
+            rows.append(sets[np.searchsorted(images, part)])
     total = sum(len(batch.images) for batch in batches)
     with (
         closing(run_tasks(_look, batches, effort.workers, effort.executor)) as results,
         progress_bar("look", total, "images", quiet=not effort.progress) as advance,
     ):
         for index, (small, sharp) in results:
-            thumbnails[places[index], batches[index].camera] = small
-            sharpness[places[index], batches[index].camera] = sharp
+            thumbnails[rows[index], batches[index].camera] = small
+            sharpness[rows[index], batches[index].camera] = sharp
             advance(len(sharp))
     return Looks(thumbnails, sharpness)
 

@@ -39,12 +39,12 @@ class Searched:
 
     @property
     def notes(self) -> list[str]:
-        """What was left out or found before, in sentences."""
+        """What was skipped, or found before, in sentences."""
         unreadable, reused = self.detections.unreadable, self.detections.reused
         return [
             *self.recording.notes,
             *(
-                f"camera {name!r}: {count} images cannot be read and are left out"
+                f"camera {name!r}: {count} images cannot be read and are skipped"
                 for name, count in unreadable.items()
             ),
             *([f"{reused} images were searched before; what was kept of them is used"] if reused else []),
@@ -54,10 +54,10 @@ class Searched:
 def calibrate_recording(
     paths: Sequence[Path | str] | Path | str, config: RigConfig, effort: Effort = EVERY_IMAGE
 ) -> Rig:
-    """The rig of the cameras of a recording, from what a rig.toml says of the room.
+    """The rig of the cameras of a recording, from the description of the room in a rig.toml.
 
     paths: MCAP files, videos or folders of images that were recorded together. Cameras that share nothing with the
-    largest rig are left out and named in Rig.missing.
+    largest rig are not placed, and named in Rig.missing.
     Raises QuadrigError where the recording cannot be searched, or no two cameras can be brought into one frame.
     """
     return calibrate_searched(search_recording(paths, config, effort))
@@ -95,4 +95,4 @@ def camera_inputs(recording: Recording, config: RigConfig) -> list[CameraInput]:
 def refuse_missing(rig: Rig) -> None:
     """Raises QuadrigError, naming each, where cameras could not be brought into the rig."""
     if rig.missing:
-        raise QuadrigError("; ".join(rig.missing.values()) + "; or leave them out, without --all-cameras")
+        raise QuadrigError("; ".join(rig.missing.values()) + "; or accept a rig without them, without --all-cameras")

@@ -173,7 +173,7 @@ def _draw_foot(page: PdfPage, rectangles: Sequence[Rectangle]) -> None:
     top = page.height - _EDGE - _FOOT + 5
     _draw_ruler(page, _EDGE + 2, top)
     page.text(_EDGE + 2, top + 10, "Print at actual size (100 %), not fitted to the page. Measure the ruler:", 2.6)
-    page.text(_EDGE + 2, top + 13.2, f"if it is not {_ruler(page):.0f} mm long, say so with --measured", 2.6)
+    page.text(_EDGE + 2, top + 13.2, f"if it is not {_ruler(page):.0f} mm long, give its length with --measured", 2.6)
     for number, line in enumerate(_short_lines(rectangles)):
         page.text(_EDGE + 2, top + 17.2 + 2.3 * number, line, 1.9, mono=True)
 

@@ -54,17 +54,17 @@ def rig_path(example_rig, tmp_path):
 def test_an_unmoved_rig_leaves_with_zero(example, rig_path, looked, capsys):
     looked(new_views(example))
     assert run(["check", str(rig_path), "night.mcap", "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert told["moved"] == []
-    assert {one["state"] for one in told["cameras"].values()} == {"unmoved"}
+    answer = json.loads(capsys.readouterr().out)
+    assert answer["moved"] == []
+    assert {one["state"] for one in answer["cameras"].values()} == {"unmoved"}
 
 
 def test_a_moved_camera_leaves_with_three(example, rig_path, looked, capsys):
     looked(new_views(example, "cam2"))
     assert run(["check", str(rig_path), "night.mcap", "--json"]) == 3
-    told = json.loads(capsys.readouterr().out)
-    assert told["moved"] == ["cam2"]
-    assert told["cameras"]["cam2"]["shift_mm"] == pytest.approx(1e3 * np.hypot(0.03, 0.02), rel=0.2)
+    answer = json.loads(capsys.readouterr().out)
+    assert answer["moved"] == ["cam2"]
+    assert answer["cameras"]["cam2"]["shift_mm"] == pytest.approx(1e3 * np.hypot(0.03, 0.02), rel=0.2)
     assert run(["check", str(rig_path), "night.mcap"]) == 3
     assert "cam2: moved by" in capsys.readouterr().out
 
@@ -73,7 +73,7 @@ def test_where_nothing_can_be_told_it_says_so(rig_path, looked, capsys):
     looked([])
     assert run(["check", str(rig_path), "night.mcap"]) == 1
     caught = capsys.readouterr()
-    assert "nothing can be told" in caught.err
+    assert "cannot be determined" in caught.err
     assert "Traceback" not in caught.err
 
 
@@ -82,10 +82,10 @@ def test_the_command_and_the_function_agree(example, rig_path, looked, capsys):
     views = new_views(example, "cam1")
     looked(views)
     assert run(["check", str(rig_path), "night.mcap", "--json"]) == 3
-    told = json.loads(capsys.readouterr().out)["cameras"]
+    answer = json.loads(capsys.readouterr().out)["cameras"]
     for move in find_moved(rig, [placed.rectangle for placed in rectangles], views):
-        assert told[move.name]["state"] == move.state
-        assert told[move.name]["shift_mm"] == pytest.approx(1e3 * move.shift)
+        assert answer[move.name]["state"] == move.state
+        assert answer[move.name]["shift_mm"] == pytest.approx(1e3 * move.shift)
 
 
 @pytest.mark.parametrize(("count", "most"), [(10, 40), (111, 120), (1000, 120), (50, 7), (121, 120)])
@@ -96,7 +96,7 @@ def test_framesets_are_searched_in_runs(count, most):
     assert len(chosen) <= most
     assert len(chosen) >= min(count, most) / 2
     assert (np.diff(chosen) > 0).all()
-    # Runs of twenty, as far as so many are allowed: in a run the paths of moving rectangles are told.
+    # Runs of twenty, as far as so many are allowed: in a run the paths of moving rectangles are determined.
     runs = np.split(chosen, np.flatnonzero(np.diff(chosen) > 1) + 1)
     assert min(len(run) for run in runs) >= min(20, most, count)
     assert chosen[0] == 0

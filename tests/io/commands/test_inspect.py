@@ -22,7 +22,7 @@ def rig_path(example_rig, tmp_path):
 
 @pytest.fixture
 def pictures(tmp_path) -> Path:
-    """Folders of twelve pictures a camera, each of one grey that tells camera and frameset."""
+    """Folders of twelve pictures a camera, each of one grey that encodes camera and frameset."""
     for camera in range(4):
         folder = tmp_path / "room" / f"cam{camera}"
         folder.mkdir(parents=True)

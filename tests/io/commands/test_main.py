@@ -101,7 +101,7 @@ def test_every_command_has_help_with_an_example(name: str) -> None:
 
 
 @pytest.mark.parametrize("arguments", [["nonsense"], ["calibrate"], ["calibrate", "a", "--nonsense"], ["demo", "3"]])
-def test_wrong_usage_leaves_with_two(arguments: list[str]) -> None:
+def test_wrong_usage_exits_with_two(arguments: list[str]) -> None:
     done = rig(*arguments)
     assert done.returncode == 2
     assert "Traceback" not in done.stderr
@@ -115,7 +115,7 @@ def test_two_cameras_that_share_a_rectangle_become_a_rig(pictures: Path, tmp_pat
     assert set(result["cameras"]) == {"left", "right"}
     position = np.array(result["cameras"]["right"]["rig_from_camera"])[:3, 3]
     true = Pose.from_vectors(np.array([0.0, 0.3, 0.0]), np.array([-0.3, 0.0, 0.05])).inverse().translation
-    # Six views of one tag tell the baseline to millimetres; its own sigma is the yardstick.
+    # Six views of one tag give the baseline to millimetres; its own sigma is the yardstick.
     assert np.linalg.norm(position - true) < 4 * result["cameras"]["right"]["sigma"]["position_m"]
     assert (tmp_path / "rig.mcap").stat().st_size > 1000
 
@@ -151,7 +151,7 @@ def test_the_table_leads_with_the_working_accuracy(pictures: Path, tmp_path: Pat
     assert "rig frame" in done.stdout
 
 
-def test_a_camera_that_shares_nothing_is_named_and_left_out(pictures: Path, tmp_path: Path) -> None:
+def test_a_camera_that_shares_nothing_is_named_and_not_placed(pictures: Path, tmp_path: Path) -> None:
     result = tmp_path / "rig.mcap"
     folders = [pictures / name for name in ("left", "right", "hall")]
     done = rig("calibrate", *folders, "-c", pictures / "rig.toml", "-o", result, "--all-cameras")
@@ -160,7 +160,7 @@ def test_a_camera_that_shares_nothing_is_named_and_left_out(pictures: Path, tmp_
     done = rig("calibrate", *folders, "-c", pictures / "rig.toml", "-o", result)
     assert done.returncode == 0, done.stderr
     assert "missing" in done.stdout
-    account = next(line for line in done.stderr.splitlines() if line.startswith("left out: "))
+    account = next(line for line in done.stderr.splitlines() if line.startswith("not placed: "))
     assert all(name in account for name in ("hall", "shelf", "left", "right"))
     assert result.exists()
 
@@ -180,7 +180,7 @@ def test_pictures_of_nothing_leave_nothing_behind(pictures: Path, tmp_path: Path
     assert [path.name for path in tmp_path.iterdir()] == ["rig.toml"]
 
 
-def test_bad_recordings_are_told_in_one_sentence(pictures: Path, tmp_path: Path) -> None:
+def test_bad_recordings_are_reported_in_one_sentence(pictures: Path, tmp_path: Path) -> None:
     from mcap.writer import Writer
 
     room = pictures / "rig.toml"
@@ -208,7 +208,7 @@ def test_bad_recordings_are_told_in_one_sentence(pictures: Path, tmp_path: Path)
         ("id = 2", "id = 587000", ["line 13", "shelf"]),
     ],
 )
-def test_bad_configs_are_told_in_one_sentence(
+def test_bad_configs_are_reported_in_one_sentence(
     pictures: Path, tmp_path: Path, right: str, wrong: str, words: list[str]
 ) -> None:
     (tmp_path / "rig.toml").write_text(ROOM.replace(right, wrong, 1))

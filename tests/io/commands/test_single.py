@@ -125,7 +125,7 @@ def test_save_writes_a_file_that_rerun_reads(folder, capsys, tmp_path):
         (["{here}", "--paper", "A4", "--width", "0.3"], "one of them"),
         (["{here}", "--tag", "apriltag_36h11", "--width", "0.16"], "DICTIONARY:ID"),
         (["{here}", "--tag", "no_such:3", "--width", "0.16"], "no tag dictionary"),
-        (["{here}", "--tag", "apriltag_36h11:3", "--width", "0.16"], "not to be found"),
+        (["{here}", "--tag", "apriltag_36h11:3", "--width", "0.16"], "was not found"),
         (["{here}", "--chessboard", "9x6"], "COLUMNSxROWS:SQUARE"),
         (["{here}", "--chessboard", "9x6:0"], "above zero"),
         (["{here}", "--charuco", "5x7:0.03:0.02"], "COLUMNSxROWS:SQUARE:MARKER:DICTIONARY"),

@@ -30,7 +30,7 @@ def rendered(pdf: Path) -> list[Picture]:
 
 
 def drawn(tmp_path: Path, capsys, *arguments: str) -> tuple[tuple[Rectangle, ...], list[Picture]]:
-    """The rectangles that the printed rig.toml lines tell of, and the pages."""
+    """The rectangles of the printed rig.toml lines, and the pages."""
     pdf = tmp_path / "sheet.pdf"
     assert run(["target", *arguments, "-o", str(pdf)]) == 0
     return parse_config(capsys.readouterr().out).rectangles, rendered(pdf)

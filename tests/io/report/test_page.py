@@ -36,8 +36,8 @@ def test_the_page_is_small_and_needs_no_network(page):
 
 def test_the_verdict_is_at_the_top(page, example_rig):
     text = page.read_text()
-    told = verdict(example_rig)
-    assert text.index(told.headline) < text.index("<table>")
+    judged = verdict(example_rig)
+    assert text.index(judged.headline) < text.index("<table>")
     for name in ("cam0", "cam1", "cam2", "cam3"):
         assert f"<h3>{name}</h3>" in text
 
