@@ -27,7 +27,7 @@ def calibrate(
 
     reference: the camera, or the rectangle, whose frame is the rig frame (the world's, where the rectangle is
     surveyed); the first camera that can be placed where None. Cameras that share nothing with the largest rig are
-    left out and named in Rig.missing. Raises QuadrigError where no two cameras can be brought into one frame.
+    not placed, and named in Rig.missing. Raises QuadrigError where no two cameras can be brought into one frame.
     """
     whole = build_problem(cameras, rectangles, views)
     kept = _largest(whole, reference)

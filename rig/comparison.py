@@ -20,8 +20,9 @@ _ROUNDS = 10
 class CameraDifference:
     """Second rig minus first for one camera, in the first's frame. Each sigma is of the difference, from both rigs.
 
-    focal px; shift m; turn rad. step (6,) of rig_from_camera. sigmas: root of the Mahalanobis distance of the step
-    over its freedoms: near 1 where the rigs agree as well as they claim. chance: of as much difference by chance.
+    focal px; shift m; rotation rad. step (6,) of rig_from_camera. sigmas: root of the Mahalanobis distance of the
+    step over its freedoms: near 1 where the rigs agree as well as they claim. chance: of so large a difference by
+    chance.
     """
 
     name: str
@@ -29,8 +30,8 @@ class CameraDifference:
     focal_sigma: float
     shift: float
     shift_sigma: float
-    turn: float
-    turn_sigma: float
+    rotation: float
+    rotation_sigma: float
     step: Floats
     sigmas: float
     chance: float
@@ -49,7 +50,7 @@ class Comparison:
 
 
 def compare(first: Rig, second: Rig) -> Comparison:
-    """Align two rigs on the cameras they share, and tell their differences with sigmas.
+    """Align two rigs on the cameras they share, and state their differences with sigmas.
 
     Cameras that disagree pull less (Huber's weights), so that one that moved does not smear over the others. The two
     calibrations are taken to rest on different Views. Raises QuadrigError where they share no two cameras.
@@ -76,9 +77,9 @@ def _aligned(first: Rig, second: Rig, names: list[str]) -> tuple[Pose, Floats, F
     stored = [first.camera(name).rig_from_camera for name in names]
     other = [second.camera(name).rig_from_camera for name in names]
     first_from_second = stored[0] @ other[0].inverse()
-    places = np.array([pose.translation for pose in stored])
+    positions = np.array([pose.translation for pose in stored])
     # A radian counts as much as the size of the rig, so that the frame does not hang on its unit of length.
-    size = max(float(np.linalg.norm(places - places.mean(axis=0), axis=1).max()), 1e-3)
+    size = max(float(np.linalg.norm(positions - positions.mean(axis=0), axis=1).max()), 1e-3)
     scale = np.array([size, size, size, 1.0, 1.0, 1.0])
     weight, gauge, pull = np.ones(len(names)), np.zeros((0, 6)), np.zeros((6, 0))
     for _ in range(_ROUNDS):
@@ -98,8 +99,8 @@ def _aligned(first: Rig, second: Rig, names: list[str]) -> tuple[Pose, Floats, F
 def _poses(rig: Rig, names: list[str], frame_from_rig: Pose) -> Floats:
     """Joint covariance (6C, 6C) of the cameras' steps, in another frame."""
     index = np.concatenate([rig.camera_index(name) * CAMERA_PARAMETERS + _LENS + np.arange(6) for name in names])
-    turn = np.kron(np.eye(2 * len(names)), frame_from_rig.rotation)
-    return turn @ rig.covariance[np.ix_(index, index)] @ turn.T
+    rotation = np.kron(np.eye(2 * len(names)), frame_from_rig.rotation)
+    return rotation @ rig.covariance[np.ix_(index, index)] @ rotation.T
 
 
 def _difference(first: Rig, second: Rig, name: str, step: Floats, doubt: Floats) -> CameraDifference:
@@ -122,8 +123,8 @@ def _mahalanobis(step: Floats, doubt: Floats) -> tuple[float, int]:
     """Squared distance, and in how many directions there is any doubt."""
     values, axes = np.linalg.eigh(doubt)
     # What alignment took away is zero up to rounding, twelve digits below the rest.
-    told = values > 1e-10 * max(float(values.max()), 1e-300)
-    return float(np.sum((axes.T @ step)[told] ** 2 / values[told])), int(told.sum())
+    known = values > 1e-10 * max(float(values.max()), 1e-300)
+    return float(np.sum((axes.T @ step)[known] ** 2 / values[known])), int(known.sum())
 
 
 def _chance(distance: float, freedoms: int) -> float:

@@ -28,7 +28,7 @@ from quadrig.rig.problem.build import Problem, build_problem
 from quadrig.rig.problem.camera_input import CameraInput
 from quadrig.rig.problem.connectivity import components
 from quadrig.rig.result import CAMERA_PARAMETERS, Rig
-from quadrig.rig.start.lenses_and_poses import start
+from quadrig.rig.start.lenses_and_poses import first_cameras
 from quadrig.rig.start.pose_graph import first_rig
 from quadrig.rig.words import length
 from quadrig.single.arrays import Floats, Ints, Mask
@@ -42,27 +42,27 @@ MoveState = Literal["unmoved", "moved", "cannot tell"]
 
 _FREEDOMS = 6
 _POWER = 0.95
-# A test that finds nothing below this share of the distance of what was seen (or this angle, rad) tells nothing.
-_TELLS_NOTHING = 0.05
+# A test that finds nothing below this share of the distance of what was seen (or this angle, rad) decides nothing.
+_DECIDES_NOTHING = 0.05
 # Chi-square by which one explanation must beat another to be named alone: odds of ninety to one.
 _AMBIGUOUS = 9.0
 
 
 @dataclass(frozen=True, eq=False)
 class CameraMove:
-    """What new Views say of one camera. shift (m) and turn (rad), with sigmas: of its pose since the calibration.
+    """What new Views say of one camera. shift (m) and rotation (rad), with sigmas: of its pose since the calibration.
 
     chance: probability of as much disagreement in a camera that did not move. found: m, the shift that would have
-    been found with 95 % power in the direction told worst. instead: cameras whose move would explain it as well.
-    covariance (6, 6): of the step of rig_from_camera that the move is; nan where nothing can be told.
+    been found with 95 % power in the worst direction. instead: cameras whose move would explain it as well.
+    covariance (6, 6): of the step of rig_from_camera that the move is; nan where nothing is determined.
     """
 
     name: str
     state: MoveState
     shift: float = float("nan")
-    turn: float = float("nan")
+    rotation: float = float("nan")
     shift_sigma: float = float("nan")
-    turn_sigma: float = float("nan")
+    rotation_sigma: float = float("nan")
     chance: float = float("nan")
     found: float = float("nan")
     instead: tuple[str, ...] = ()
@@ -130,9 +130,9 @@ class _Evidence:
 
 
 def _evidence(rig: Rig, problem: Problem) -> _Evidence:
-    begin = start(problem)
-    first = first_rig(problem, begin.candidates, 0)
-    joint = solve_jointly(problem, begin, first, np.arange(len(problem.cameras)) == 0)
+    alone = first_cameras(problem)
+    first = first_rig(problem, alone.candidates, 0)
+    joint = solve_jointly(problem, alone, first, np.arange(len(problem.cameras)) == 0)
     if isinstance(joint, Contradicted):
         raise QuadrigError(joint.sentence)
     new_from_old = _aligned(joint, [rig.camera(camera.name).rig_from_camera for camera in problem.cameras])
@@ -230,22 +230,22 @@ def _without(matrix: Floats, gradient: Floats, nuisance: Mask) -> tuple[Floats, 
 
 def _stored_covariance(rig: Rig, problem: Problem, columns: Ints, new_from_old: Pose) -> Floats:
     """The stored rig's covariance over lens columns and twists, in the new frame, in the order of the problem."""
-    turn = np.kron(np.eye(2), new_from_old.rotation)
+    rotation = np.kron(np.eye(2), new_from_old.rotation)
     size = len(columns) + 6
     spread = np.zeros((len(problem.cameras) * size, len(rig.covariance)))
     for row, camera in enumerate(problem.cameras):
         begin, lens = rig.camera_index(camera.name) * CAMERA_PARAMETERS, len(LENS_PARAMETERS)
         spread[row * size + np.arange(len(columns)), begin + columns] = 1.0
         stored = new_from_old @ rig.camera(camera.name).rig_from_camera
-        twist_by_step = np.linalg.inv(step_by_camera_twist(stored)) @ turn
+        twist_by_step = np.linalg.inv(step_by_camera_twist(stored)) @ rotation
         spread[row * size + len(columns) : (row + 1) * size, begin + lens : begin + CAMERA_PARAMETERS] = twist_by_step
     return spread @ rig.covariance @ spread.T
 
 
 def _twist(pose: Pose) -> Floats:
     """The twist (6,) whose exponential is the pose, to second order: moves are small beside a radian."""
-    turn = pose.rotation_vector()
-    return np.concatenate([turn, pose.translation - np.cross(turn, pose.translation) / 2])
+    rotation = pose.rotation_vector()
+    return np.concatenate([rotation, pose.translation - np.cross(rotation, pose.translation) / 2])
 
 
 def _distances(problem: Problem, joint: Joint) -> Floats:
@@ -261,7 +261,7 @@ def _greedy(evidence: _Evidence, cameras: int, false_alarms: float) -> list[Came
     limits = _FREEDOMS * f.isf(false_alarms / cameras, _FREEDOMS, evidence.freedom)
     moved: list[int] = []
     instead: dict[int, tuple[str, ...]] = {}
-    # One camera at least must stay: moves are told against it.
+    # One camera at least must stay: moves are measured against it.
     while len(moved) < cameras - 1:
         gains = np.array([-np.inf if i in moved else _gain(evidence, moved, i) for i in range(cameras)])
         gains[gains < limits] = -np.inf
@@ -316,7 +316,7 @@ def _rows(cameras: list[int]) -> Ints:
 
 
 def _answer(evidence: _Evidence, others: list[int], index: int, sigmas: float) -> CameraMove:
-    """What is told of one camera where the others in the list may have moved. sigmas: of a shift surely found."""
+    """What Views say of one camera where the others in the list may have moved. sigmas: of a shift surely found."""
     from scipy.stats import f
 
     rows = _rows([*others, index])
@@ -326,16 +326,16 @@ def _answer(evidence: _Evidence, others: list[int], index: int, sigmas: float) -
     step = stored.step_to(Pose.from_twist(twist).inverse() @ stored)
     jacobian = np.kron(np.eye(2), evidence.new_from_old.rotation.T) @ step_by_camera_twist(stored)
     doubt = jacobian @ covariance[-6:, -6:] @ jacobian.T
-    turn_doubt, shift_doubt = np.linalg.eigvalsh(doubt[:3, :3]), np.linalg.eigvalsh(doubt[3:, 3:])
-    found, turn_found = (sigmas * float(np.sqrt(max(part.max(), 0))) for part in (shift_doubt, turn_doubt))
-    blind = found > _TELLS_NOTHING * evidence.distance[index] or turn_found > _TELLS_NOTHING
+    rotation_doubt, shift_doubt = np.linalg.eigvalsh(doubt[:3, :3]), np.linalg.eigvalsh(doubt[3:, 3:])
+    found, rotation_found = (sigmas * float(np.sqrt(max(part.max(), 0))) for part in (shift_doubt, rotation_doubt))
+    blind = found > _DECIDES_NOTHING * evidence.distance[index] or rotation_found > _DECIDES_NOTHING
     return CameraMove(
         name,
         "cannot tell" if blind else "unmoved",
         float(np.linalg.norm(step[3:])),
         float(np.linalg.norm(step[:3])),
         float(np.sqrt(max(shift_doubt.sum(), 0))),
-        float(np.sqrt(max(turn_doubt.sum(), 0))),
+        float(np.sqrt(max(rotation_doubt.sum(), 0))),
         float(f.sf(_gain(evidence, others, index) / _FREEDOMS, _FREEDOMS, evidence.freedom[index])),
         found,
         why=f"it would have to move by {length(found)} to be noticed; show more rectangles to it" if blind else "",

@@ -15,7 +15,7 @@ from quadrig.rig.problem.build import Problem, build_problem
 from quadrig.rig.problem.camera_input import CameraInput
 from quadrig.rig.problem.connectivity import components
 from quadrig.rig.result import CAMERA_PARAMETERS, Rig
-from quadrig.rig.start.lenses_and_poses import start
+from quadrig.rig.start.lenses_and_poses import first_cameras
 from quadrig.rig.start.pose_graph import FirstRig, first_rig
 from quadrig.single.arrays import Floats, Ints, Mask
 from quadrig.single.errors import QuadrigError
@@ -44,11 +44,11 @@ def recalibrate(
     problem = build_problem(inputs, rectangles, [view for view in views if view.camera in names])
     problem = _joined(problem, stays, moved)
     standing = np.array([camera.name in stays for camera in problem.cameras])
-    begin = start(problem)
+    alone = first_cameras(problem)
     first = _in_rig_frame(
-        problem, rig, first_rig(problem, begin.candidates, int(np.flatnonzero(standing)[0])), standing
+        problem, rig, first_rig(problem, alone.candidates, int(np.flatnonzero(standing)[0])), standing
     )
-    joint = solve_jointly(problem, begin, first, standing)
+    joint = solve_jointly(problem, alone, first, standing)
     if isinstance(joint, Contradicted):
         raise QuadrigError(joint.sentence)
     order = [camera.name for camera in rig.cameras if camera.name in {c.name for c in problem.cameras}]

@@ -20,8 +20,8 @@ class Camera:
 
     free_lens: the lens parameters that were estimated (the others kept their given or neutral values);
     lens_reason: why that lens, in words. rms: px, over the used points of the fit; views: how many Views it used.
-    observable_focal: False where no View could tell the focal from distance. clock_offset: s, by how much later than
-    the mean of the cameras it takes its pictures for one and the same stamp; zero where nothing tells.
+    observable_focal: False where focal and distance cannot be separated. clock_offset: s, by how much later than
+    the mean of the cameras it takes its pictures for one and the same stamp; zero where it is not observable.
     """
 
     name: str
@@ -30,7 +30,7 @@ class Camera:
     free_lens: tuple[str, ...] = ()
     lens_reason: str = ""
     rms: float = float("nan")
-    left_out_rms: float = float("nan")
+    held_out_rms: float = float("nan")
     views: int = 0
     observable_focal: bool = True
     clock_offset: float = 0.0
@@ -60,7 +60,7 @@ class ViewFit:
     """How a View agrees with the rig. residuals (P, 2) px, seen minus predicted; nan where there is no prediction.
 
     reading: index in view.readings of the reading that the rig's other Views chose.
-    used (P,): which points took part in the fit. rejected: why the whole View was thrown out, in words, or "".
+    used (P,): which points took part in the fit. rejected: why the whole View was rejected, in words, or "".
     """
 
     view: View
@@ -77,7 +77,7 @@ class Rig:
     covariance (15 C, 15 C): joint, over the cameras in order; each block is the nine lens parameters and the step of
     rig_from_camera (rotation, then translation, in the rig frame). Rows of fixed parameters are zero.
     noise: the standard deviation of a pixel coordinate, px, as the data showed it, of a View of median sigma.
-    rms, left_out_rms: px, of the fit, and of framesets that took no part in it.
+    rms, held_out_rms: px, of the fit, and of framesets that took no part in it.
     working_accuracy: m, the sigma of a point triangulated in the volume where rectangles were seen (root mean
     square over the volume, of the largest axis), from the calibration's doubt alone.
     dispersion: what all covariances have been multiplied by, because parts of the recording disagree on the cameras
@@ -92,7 +92,7 @@ class Rig:
     fits: tuple[ViewFit, ...] = ()
     noise: float = float("nan")
     rms: float = float("nan")
-    left_out_rms: float = float("nan")
+    held_out_rms: float = float("nan")
     working_accuracy: float = float("nan")
     missing: dict[str, str] = field(default_factory=dict)
     weak: tuple[str, ...] = ()

@@ -151,7 +151,7 @@ def result_values(rig: Rig) -> dict[str, object]:
     """The values of `rig export --format json`, and with them how well all fits, what is weak, who is missing."""
     from quadrig.io.export.values import rig_values
 
-    figures = {"rms_px": rig.rms, "left_out_rms_px": rig.left_out_rms, "noise_px": rig.noise}
+    figures = {"rms_px": rig.rms, "left_out_rms_px": rig.held_out_rms, "noise_px": rig.noise}
     return {
         **rig_values(rig),
         **{name: figure if math.isfinite(figure) else None for name, figure in figures.items()},

@@ -125,7 +125,7 @@ def sentence(move: CameraMove) -> str:
     instead = f", unless it was {' or '.join(move.instead)}" if move.instead else ""
     return (
         f"{move.name}: moved by {length(move.shift)} ± {length(move.shift_sigma)} and "
-        f"{np.degrees(move.turn):.3f} ± {np.degrees(move.turn_sigma):.3f} degrees{instead}"
+        f"{np.degrees(move.rotation):.3f} ± {np.degrees(move.rotation_sigma):.3f} degrees{instead}"
     )
 
 
@@ -133,8 +133,8 @@ def _values(move: CameraMove) -> dict:
     figures = {
         "shift_mm": 1e3 * move.shift,
         "shift_sigma_mm": 1e3 * move.shift_sigma,
-        "turn_deg": np.degrees(move.turn),
-        "turn_sigma_deg": np.degrees(move.turn_sigma),
+        "turn_deg": np.degrees(move.rotation),
+        "turn_sigma_deg": np.degrees(move.rotation_sigma),
         "chance": move.chance,
         "would_be_found_mm": 1e3 * move.found,
     }

@@ -79,7 +79,7 @@ def _print(found: Comparison) -> None:
             one.name,
             f"{one.focal:+.2f} ± {one.focal_sigma:.2f}",
             f"{length(one.shift)} ± {length(one.shift_sigma)}",
-            f"{np.degrees(one.turn):.4f} ± {np.degrees(one.turn_sigma):.4f}",
+            f"{np.degrees(one.rotation):.4f} ± {np.degrees(one.rotation_sigma):.4f}",
             f"{one.sigmas:.1f}",
             style="bold red" if one.chance < _UNLIKELY else None,
         )
@@ -94,8 +94,8 @@ def _values(one: CameraDifference) -> dict:
         "focal_sigma_px": one.focal_sigma,
         "shift_mm": 1e3 * one.shift,
         "shift_sigma_mm": 1e3 * one.shift_sigma,
-        "turn_deg": np.degrees(one.turn),
-        "turn_sigma_deg": np.degrees(one.turn_sigma),
+        "turn_deg": np.degrees(one.rotation),
+        "turn_sigma_deg": np.degrees(one.rotation_sigma),
         "sigmas": one.sigmas,
         "chance": one.chance,
     }

@@ -91,7 +91,7 @@ def _table_row(rig: Rig, camera: Camera, cover: float) -> str:
         length(rig.position_sigma(name)),
         f"{np.degrees(rig.rotation_sigma(name)):.4f}°",
         _figure(camera.rms),
-        _figure(camera.left_out_rms),
+        _figure(camera.held_out_rms),
         str(camera.views),
         f"{100 * cover:.0f} %",
     ]

@@ -99,7 +99,7 @@ def cycle_errors(rig: Rig) -> str:
 
 def held_out(rig: Rig) -> str:
     """RMS of the fit (full) and of framesets held out of it (pale), for each camera."""
-    rows = np.nan_to_num([(camera.rms, camera.left_out_rms) for camera in rig.cameras])
+    rows = np.nan_to_num([(camera.rms, camera.held_out_rms) for camera in rig.cameras])
     top = max(1e-3, float(rows.max(initial=0.0)))
     height = 30 * len(rows) + 40
     # The words stand to the right of the bars.

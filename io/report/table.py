@@ -40,7 +40,7 @@ def summary(rig: Rig) -> str:
     return (
         f"{_count(len(rig.cameras), 'camera')}, {_count(len(rig.rectangles), 'rectangle')}, "
         f"{_count(framesets, 'frameset')}, {len(used)} of {_count(len(rig.fits), 'View')}; "
-        f"RMS {rig.rms:.3f} px, on framesets held out of the fit {rig.left_out_rms:.3f} px; rig frame {rig.reference}"
+        f"RMS {rig.rms:.3f} px, on framesets held out of the fit {rig.held_out_rms:.3f} px; rig frame {rig.reference}"
     )
 
 
@@ -66,7 +66,7 @@ def _cells(rig: Rig, camera: Camera) -> list[str]:
         "rig frame" if stands else f"{1e3 * rig.position_sigma(camera.name):.2f}",
         "" if stands else f"{np.degrees(rig.rotation_sigma(camera.name)):.4f}",
         f"{camera.rms:.3f}",
-        "" if np.isnan(camera.left_out_rms) else f"{camera.left_out_rms:.3f}",
+        "" if np.isnan(camera.held_out_rms) else f"{camera.held_out_rms:.3f}",
         str(camera.views),
         lens_words(camera),
     ]

@@ -64,7 +64,7 @@ def _markdown(found: Comparison, sentences: Sequence[str], scale: float) -> str:
     rows = [
         f"| {one.name} | {one.focal:+.2f} ± {one.focal_sigma:.2f} "
         f"| {length(one.shift)} ± {length(one.shift_sigma)} "
-        f"| {np.degrees(one.turn):.4f} ± {np.degrees(one.turn_sigma):.4f} | {one.sigmas:.1f} |"
+        f"| {np.degrees(one.rotation):.4f} ± {np.degrees(one.rotation_sigma):.4f} | {one.sigmas:.1f} |"
         for one in found.cameras
     ]
     head = ["| camera | focal px | position | turn degrees | sigmas |", "|---|---|---|---|---|"]

@@ -257,9 +257,9 @@ def with_prior(normal: Normal, state: State, free: FreeParameters, columns: Ints
     """The normal equations with the priors of the lens parameters added."""
     information = (free.prior_information * free.lens)[:, columns]
     cameras, gradient = normal.cameras.copy(), normal.camera_gradient.copy()
-    place = np.arange(len(columns))
-    cameras[:, place, place] += information
-    gradient[:, place] += information * (free.prior_mean - state.lens)[:, columns]
+    lens = np.arange(len(columns))
+    cameras[:, lens, lens] += information
+    gradient[:, lens] += information * (free.prior_mean - state.lens)[:, columns]
     if state.offsets is not None and state.motion is not None:
         cameras[:, -1, -1] += _CLOCK_INFORMATION
         gradient[:, -1] -= _CLOCK_INFORMATION * state.offsets

@@ -16,7 +16,7 @@ from quadrig.single.pose import Pose
 
 # Framesets further apart than this (s) say little of the motion between them: a hand turns around in half a second.
 LONGEST_GAP = 0.25
-# The offset of a camera is told by Views of at least this many framesets in motion.
+# The offset of a camera is determined by Views of at least this many framesets in motion.
 _FEWEST_VIEWS = 6
 
 
@@ -26,14 +26,14 @@ class Motion:
     tau * rate + tau^2 * bend, (V, 6) in the rig frame, from its node's pose.
 
     lag (V,) s: by how much later than its frameset the View was stamped; rate and bend are zero where not known.
-    tells (C,) bool: cameras whose offset the motion can tell. free (C,) bool: those whose offset is estimated:
-    of cameras that share moving rectangles one holds the clock, since only differences of offsets can be told.
+    observable (C,) bool: cameras whose offset the motion determines. free (C,) bool: those whose offset is estimated:
+    of cameras that share moving rectangles one holds the clock, since only differences of offsets are observable.
     """
 
     rate: Floats
     bend: Floats
     lag: Floats
-    tells: Mask
+    observable: Mask
     free: Mask
 
     def step(self, offset: Floats) -> Floats:
@@ -72,15 +72,15 @@ def motion(problem: Problem, rig_from_node: Pose, offsets: Floats) -> Motion | N
     bend[node] = (step_other / to_other - step_one / to_one) / (to_other - to_one)
     rate[node] = step_other / to_other - bend[node] * to_other
     known = np.isin(problem.node, node) & stamped
-    tells = np.bincount(problem.camera[known], minlength=len(problem.cameras)) >= _FEWEST_VIEWS
-    free = tells.copy()
-    for group in components(problem, np.flatnonzero(known & tells[problem.camera])):
+    observable = np.bincount(problem.camera[known], minlength=len(problem.cameras)) >= _FEWEST_VIEWS
+    free = observable.copy()
+    for group in components(problem, np.flatnonzero(known & observable[problem.camera])):
         free[group[0]] = False
     return Motion(
         np.where(known[:, None], rate[problem.node], 0.0),
         np.where(known[:, None], bend[problem.node], 0.0),
         np.where(known, stamp - node_time[problem.node], 0.0),
-        tells,
+        observable,
         free,
     )
 

@@ -287,13 +287,14 @@ def chain_derivatives(observations: Observations, state: State) -> tuple[Floats,
     rig_from_rect. A cluster of both that turns about a far point so follows its arc, and the twist of a camera is
     worth the same as that of the rectangles it sees.
     """
-    turn = state.camera_from_rig.rotation[observations.camera]
-    by_twist = step_by_inner_twist(turn, state.rig_from_seen(observations).translation)
+    rotation = state.camera_from_rig.rotation[observations.camera]
+    by_twist = step_by_inner_twist(rotation, state.rig_from_seen(observations).translation)
     if state.motion is None or state.offsets is None:
         return by_twist, by_twist
     slope = state.motion.slope(state.offsets[observations.camera])
-    turned = np.concatenate([(turn @ slope[:, :3, None])[..., 0], (turn @ slope[:, 3:, None])[..., 0]], axis=1)
-    return np.concatenate([by_twist, turned[..., None]], axis=-1), by_twist
+    parts = [(rotation @ part[..., None])[..., 0] for part in (slope[:, :3], slope[:, 3:])]
+    by_offset = np.concatenate(parts, axis=1)
+    return np.concatenate([by_twist, by_offset[..., None]], axis=-1), by_twist
 
 
 def normal_equations(observations: Observations, layout: Layout, state: State, gram: Floats) -> Normal:

@@ -10,7 +10,7 @@ from quadrig.single.lens import LENS_PARAMETERS, image_middle
 LEAST_NOISE = 0.02
 # Standard deviations of lens parameters before any data, for lenses people use: without data they stay neutral.
 PRIOR_SIGMA = {"k1": 0.3, "k2": 0.2, "p1": 0.003, "p2": 0.003, "k3": 0.2, "aspect": 0.005}
-# So many points, spread over a board, tell a pose and a lens well enough to start from: every point has its say
+# So many points, spread over a board, determine a pose and a lens well enough to start from: every point has its say
 # at the end.
 ENOUGH_POINTS = 16
 # What others follow is good enough once a step would lower chi-square by this little: three sigmas of one number,

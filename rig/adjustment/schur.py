@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     import scipy.sparse
 
 # Added to the diagonal of each 6x6 block (1/rad^2, 1/m^2): far below any information a View carries, and enough to
-# invert the block of a pose all of whose points were left out.
+# invert the block of a pose all of whose points were rejected.
 _EMPTY_NODE = 1e-9
 # A banded factorisation costs n b^2 against n^3 / 3: below this share of the size the band wins in practice, since
 # dense blocks run on matrix products.
@@ -123,8 +123,8 @@ def block_matrix(blocks: Floats, left: Ints, right: Ints, cameras: int) -> "Floa
     values = np.concatenate([blocks, np.swapaxes(blocks[off], -1, -2)])
     row = np.concatenate([left, right[off]])[:, None, None] * size + np.arange(size)[:, None]
     column = np.concatenate([right, left[off]])[:, None, None] * size + np.arange(size)
-    place = [axis.ravel() for axis in np.broadcast_arrays(row, column)]
-    return coo_array((values.ravel(), place), shape=(cameras * size, cameras * size)).tocsr()
+    at = [axis.ravel() for axis in np.broadcast_arrays(row, column)]
+    return coo_array((values.ravel(), at), shape=(cameras * size, cameras * size)).tocsr()
 
 
 def _solve_dense(reduced: Reduced, right: Floats) -> Floats:
@@ -148,20 +148,20 @@ def band_order(reduced: Reduced) -> tuple[Ints, int] | None:
 
     left, right = np.concatenate([reduced.left, reduced.right]), np.concatenate([reduced.right, reduced.left])
     graph = coo_array((np.ones(len(left)), (left, right)), shape=(cameras, cameras)).tocsr()
-    place = np.empty(cameras, int)
-    place[reverse_cuthill_mckee(graph, symmetric_mode=True)] = np.arange(cameras)
-    width = int(np.abs(place[reduced.left] - place[reduced.right]).max())
-    return (place, width) if width < _BAND_SHARE * cameras else None
+    rank = np.empty(cameras, int)
+    rank[reverse_cuthill_mckee(graph, symmetric_mode=True)] = np.arange(cameras)
+    width = int(np.abs(rank[reduced.left] - rank[reduced.right]).max())
+    return (rank, width) if width < _BAND_SHARE * cameras else None
 
 
-def _solve_banded(reduced: Reduced, right: Floats, place: Ints, width: int) -> Floats:
+def _solve_banded(reduced: Reduced, right: Floats, rank: Ints, width: int) -> Floats:
     from scipy.linalg import solveh_banded
 
     cameras, size = reduced.free.shape
     band = np.zeros(((width + 1) * size, cameras * size))
-    swap = place[reduced.left] < place[reduced.right]
-    low = np.where(swap, place[reduced.right], place[reduced.left])
-    high = np.where(swap, place[reduced.left], place[reduced.right])
+    swap = rank[reduced.left] < rank[reduced.right]
+    low = np.where(swap, rank[reduced.right], rank[reduced.left])
+    high = np.where(swap, rank[reduced.left], rank[reduced.right])
     masked = reduced.blocks * reduced.free[reduced.left][:, :, None] * reduced.free[reduced.right][:, None, :]
     blocks = np.where(swap[:, None, None], np.swapaxes(masked, -1, -2), masked)
     row = low[:, None, None] * size + np.arange(size)[:, None]
@@ -169,7 +169,7 @@ def _solve_banded(reduced: Reduced, right: Floats, place: Ints, width: int) -> F
     row, column = np.broadcast_arrays(row, column)
     lower = row >= column
     band[(row - column)[lower], column[lower]] = blocks[lower]
-    index = (place[:, None] * size + np.arange(size)).ravel()
+    index = (rank[:, None] * size + np.arange(size)).ravel()
     band[0, index[~reduced.free.ravel()]] = 1.0
     scale = 1 / np.sqrt(np.maximum(band[0], np.finfo(float).tiny))
     for offset in range(len(band)):

@@ -1,7 +1,7 @@
 """Views that were not taken at quite the same instant: each may stray a little from the common rectangle pose.
 
 A moving rectangle has one pose in a frameset, but cameras out of step see it where it was a moment before or after.
-What such a View tells of its lens stays true; what it tells of where its camera stands does not. So its
+What such a View shows of its lens stays true; what it shows of its camera's pose does not. So its
 camera_from_rect may differ from the chain of Eq. 50 by a step of its own, its slack, with a Gaussian prior whose
 width is learned from the Views (random effects of a mixed model; Dempster, Laird and Rubin 1977 for the learning).
 """

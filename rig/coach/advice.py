@@ -34,7 +34,7 @@ _REFUSED_METRES = 0.35
 # A ghost counts as reached when the sheet's middle is this near and it is turned this little away: a placement
 # within them gives nine tenths of the expected drop.
 _REACHED_METRES, _REACHED_ANGLE = 0.12, np.deg2rad(20)
-# Two cameras that saw this many sheets together need not be told again to share.
+# Two cameras that saw this many sheets together need not be asked again to share.
 _ENOUGH_COMMON = 3
 # A new place may be so many times less sure (variance) than the mean of the volume covered so far.
 _WIDER_DOUBT = 1.5

@@ -36,8 +36,8 @@ def edge_widths(grey: Picture, inside: Mask | None = None) -> EdgeWidths:
     """Widths of the edges in a picture (H, W), or of those at the pixels that are `inside` (H, W).
 
     A step of width s has a slope of 1 / sqrt(s^2 + b^2) under a blur of b: the ratio of the slopes under two blurs
-    tells s (Zhuo and Sim 2011, "Defocus map estimation from a single image"). An edge near another of opposite step
-    looks sharper than it is, never wider.
+    determines s (Zhuo and Sim 2011, "Defocus map estimation from a single image"). An edge near another of opposite
+    step looks sharper than it is, never wider.
     """
     none = EdgeWidths(*[float("nan")] * 3)
     if min(grey.shape) < 4:

@@ -218,16 +218,18 @@ def expected_drop(
     sigma: float,
 ) -> Floats:
     """By how much (B,) each placement, once seen, lowers trace(weight covariance), m^2. sees (B, C); sigma in px."""
-    rows, places, noise = _told(cameras, placements, sees, sigma)
-    doubt = covariance[places[:, :, None], places[:, None, :]]
-    target = (covariance @ weight @ covariance)[places[:, :, None], places[:, None, :]]
-    turned = np.swapaxes(rows, -1, -2)
-    drop = np.linalg.solve(rows @ doubt @ turned + noise, rows @ target @ turned)
+    rows, columns, noise = _information_rows(cameras, placements, sees, sigma)
+    doubt = covariance[columns[:, :, None], columns[:, None, :]]
+    target = (covariance @ weight @ covariance)[columns[:, :, None], columns[:, None, :]]
+    transposed = np.swapaxes(rows, -1, -2)
+    drop = np.linalg.solve(rows @ doubt @ transposed + noise, rows @ target @ transposed)
     return np.where(sees.any(1), np.trace(drop, axis1=-2, axis2=-1), 0.0)
 
 
-def _told(cameras: Sequence[Camera], placements: Placements, sees: Mask, sigma: float) -> tuple[Floats, Ints, Floats]:
-    """What each placement tells: rows (B, n, m) on the parameters at `places` (B, m); their noise (n, n), px^2."""
+def _information_rows(
+    cameras: Sequence[Camera], placements: Placements, sees: Mask, sigma: float
+) -> tuple[Floats, Ints, Floats]:
+    """What each placement shows: rows (B, n, m) by the parameters at `columns` (B, m), and the noise (n, n), px^2."""
     points, factor = planning_points(placements.rectangle)
     chosen = np.argsort(~sees, axis=1, kind="stable")[
         :, : min(_MOST_CAMERAS, max(1, int(sees.sum(1).max(initial=1))))
@@ -237,8 +239,8 @@ def _told(cameras: Sequence[Camera], placements: Placements, sees: Mask, sigma: 
     # What the unknown pose of the sheet itself takes away: the part of the rows in the span of its derivatives.
     basis = np.linalg.qr(by_rectangle)[0]
     rows = by_cameras - basis @ (np.swapaxes(basis, -1, -2) @ by_cameras)
-    places = (chosen[..., None] * CAMERA_PARAMETERS + np.arange(CAMERA_PARAMETERS)).reshape(len(chosen), -1)
-    return rows, places, (sigma * factor) ** 2 * np.eye(rows.shape[1])
+    columns = (chosen[..., None] * CAMERA_PARAMETERS + np.arange(CAMERA_PARAMETERS)).reshape(len(chosen), -1)
+    return rows, columns, (sigma * factor) ** 2 * np.eye(rows.shape[1])
 
 
 def own_variance(
@@ -251,9 +253,9 @@ def own_variance(
     own = placements.rig_from_rect[:, None].transform(points).reshape(-1, 3)
     shape, counted = _against(cameras, volume, own)
     shape = shape.reshape(len(placements), 3 * len(points), -1)
-    rows, places, noise = _told(cameras, placements, sees, sigma)
-    doubt = covariance[places[:, :, None], places[:, None, :]]
-    across = np.swapaxes(rows @ np.swapaxes(covariance[:, places].transpose(1, 0, 2), -1, -2), -1, -2)
+    rows, columns, noise = _information_rows(cameras, placements, sees, sigma)
+    doubt = covariance[columns[:, :, None], columns[:, None, :]]
+    across = np.swapaxes(rows @ np.swapaxes(covariance[:, columns].transpose(1, 0, 2), -1, -2), -1, -2)
     inner = np.linalg.solve(rows @ doubt @ np.swapaxes(rows, -1, -2) + noise, np.swapaxes(shape @ across, -1, -2))
     before = np.einsum("bij,jk,bik->b", shape, covariance, shape, optimize=True)
     drop = np.einsum("bij,bji->b", shape @ across, inner)
@@ -295,7 +297,7 @@ def _stacked_derivatives(
 
 
 def within_reach(placements: Placements, been: Floats, reach: float = _REACH) -> Mask:
-    """Which placements (B,) a person can be asked for without going elsewhere: in the box of the places (N, 3) the
+    """Which placements (B,) a person can be asked for without going elsewhere: in the box of the positions (N, 3) the
     sheet has been, widened by `reach` metres. All of them where none is."""
     everywhere = np.ones(len(placements), bool)
     if not len(been):
@@ -329,7 +331,7 @@ def expected_drop_in_hand(
 
 
 def _hand_errors() -> Floats:
-    """Steps (7, 6): none, and each way along three axes, turned by as much."""
+    """Steps (7, 6): none, and each way along three axes, and a rotation with each."""
     axes = np.concatenate([np.eye(3), -np.eye(3)])
     turned = np.roll(axes, 1, axis=1)
     return np.concatenate([np.zeros((1, 6)), np.concatenate([_WRIST * turned, _HAND * axes], axis=1)])

@@ -10,7 +10,7 @@ from quadrig.single.arrays import Floats
 from quadrig.single.rectangle import Rectangle
 from quadrig.single.view import View
 
-# A sheet moved less than this (of the picture's diagonal) since a kept View tells nothing that is new.
+# A sheet moved less than this (of the picture's diagonal) since a kept View shows nothing new.
 NEWS = 0.015
 # Speeds above this (picture diagonals a second) smear a 10 ms exposure over more than a pixel and a half of 720p,
 # and displace the sheet between cameras that are 10 ms apart by as much.

@@ -1,4 +1,4 @@
-"""The doubt that is planned with: that of the rig, were its lenses not as simple as the Views so far could tell."""
+"""The doubt that is planned with: that of the rig, were its lenses less simple than the Views so far support."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -37,8 +37,8 @@ def planning_doubt(rig: Rig) -> tuple[tuple[Camera, ...], Floats]:
     for group in instances(rig):
         by_cameras, _, by_pose, _ = rows_of(rig, cameras, group)
         basis = np.linalg.qr(by_pose)[0]
-        told = by_cameras - basis @ (basis.T @ by_cameras)
-        information += told.T @ told
+        own = by_cameras - basis @ (basis.T @ by_cameras)
+        information += own.T @ own
     noise = rig.noise if np.isfinite(rig.noise) and rig.noise > 0 else 1.0
     information = information / noise**2 + np.diag(_prior_information(cameras))
     reference = rig.reference if any(c.name == rig.reference for c in cameras) else cameras[0].name

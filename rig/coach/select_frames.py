@@ -1,7 +1,7 @@
 """Which framesets are worth searching: those that are still and sharp, and show what no other chosen one shows.
 
 Views of one place repeat each other's systematic errors (the lens where it was not sampled, the moment at which a
-moving sheet was caught), so that a tenth of the images, well chosen, tells nearly what all of them tell.
+moving sheet was caught), so that a tenth of the images, well chosen, determines nearly as much as all of them.
 """
 
 import warnings
@@ -94,7 +94,7 @@ def _motion(thumbnails: NDArray[np.floating]) -> Floats:
 
 
 def _features(thumbnails: NDArray[np.floating]) -> NDArray[np.float32]:
-    """(S, C, D) what tells images apart: each camera's thumbnails against their median over time."""
+    """(S, C, D) what distinguishes images: each camera's thumbnails against their median over time."""
     count, cameras = thumbnails.shape[:2]
     with warnings.catch_warnings():
         # A camera without any image has no median, which is as it should be.

@@ -71,7 +71,7 @@ def _own_step(rig: Rig, fit: ViewFit) -> tuple[Floats, Floats]:
         return unknown
     camera = rig.camera(view.camera)
     used = np.asarray(fit.used, bool)
-    # A View thrown out whole has no used points; what it says is told by all of them.
+    # A View rejected whole has no used points; then all of them say what it says.
     used = used if used.any() else np.ones(len(used), bool)
     points = (camera.rig_from_camera.inverse() @ pose).transform(view.readings[fit.reading][used])
     lens = camera.intrinsics
@@ -79,9 +79,9 @@ def _own_step(rig: Rig, fit: ViewFit) -> tuple[Floats, Floats]:
     centre = (camera.rig_from_camera.inverse() @ pose).translation
     by_step = np.concatenate([-by_point @ cross_matrix(points - centre), by_point], axis=-1).reshape(-1, 6)
     residuals = fit.residuals[used].ravel()
-    told = np.isfinite(residuals) & np.isfinite(by_step).all(axis=1)
-    if told.sum() < 6:
+    known = np.isfinite(residuals) & np.isfinite(by_step).all(axis=1)
+    if known.sum() < 6:
         return unknown
-    normal = by_step[told].T @ by_step[told]
-    step = np.linalg.lstsq(by_step[told], residuals[told], rcond=None)[0]
+    normal = by_step[known].T @ by_step[known]
+    step = np.linalg.lstsq(by_step[known], residuals[known], rcond=None)[0]
     return np.asarray(step, float), normal

@@ -1,4 +1,4 @@
-"""What Views tell of a rig before they are taken: derivatives, information, and the doubt of triangulated points.
+"""What Views determine of a rig before they are taken: derivatives, information, and the doubt of points.
 
 The cameras' parameters stand in the order of Rig.covariance: for each camera nine of the lens, then the step of
 rig_from_camera (rotation, translation, in the rig frame).
@@ -86,7 +86,7 @@ def covariance_of(
 
 
 def scaled_inverse(matrix: Floats) -> Floats:
-    """Inverse of a symmetric matrix (N, N) whose rows have different units; what nothing tells of stays zero."""
+    """Inverse of a symmetric matrix (N, N) whose rows have different units; what nothing determines stays zero."""
     scale = np.sqrt(np.maximum(np.diag(matrix), 0))
     scale = np.where(scale > 0, scale, 1.0)
     return np.linalg.pinv(matrix / np.outer(scale, scale), hermitian=True) / np.outer(scale, scale)
@@ -102,10 +102,10 @@ def triangulation_derivatives(cameras: Sequence[Camera], points: Floats, sees: M
     if sees is None:
         sees = np.stack([_in_picture(camera, own) for camera, own in zip(cameras, pixels, strict=True)])
     by_camera, by_point = (np.where(sees[..., None, None], each, 0.0) for each in (by_camera, by_point))
-    turned = np.swapaxes(by_point, -1, -2)
-    normal = (turned @ by_point).sum(axis=0)
+    transposed = np.swapaxes(by_point, -1, -2)
+    normal = (transposed @ by_point).sum(axis=0)
     normal[sees.sum(0) < 2] = np.nan
-    moved = np.moveaxis(turned @ by_camera, 0, 2).reshape(len(points), 3, -1)
+    moved = np.moveaxis(transposed @ by_camera, 0, 2).reshape(len(points), 3, -1)
     result = np.full_like(moved, np.nan)
     possible = np.isfinite(normal).all((1, 2))
     result[possible] = -np.linalg.inv(normal[possible]) @ moved[possible]

@@ -41,18 +41,18 @@ def residual_field(rig: Rig, camera: str) -> ResidualField:
     pixels = np.concatenate([np.zeros((0, 2)), *(fit.view.pixels[fit.used] for fit in fits)])
     residuals = np.concatenate([np.zeros((0, 2)), *(fit.residuals[fit.used] for fit in fits)])
     pose = np.repeat(_pose_numbers(rig, fits), [int(np.sum(fit.used)) for fit in fits])
-    told = np.isfinite(residuals).all(axis=1)
-    pixels, residuals, pose = pixels[told], residuals[told], pose[told]
+    known = np.isfinite(residuals).all(axis=1)
+    pixels, residuals, pose = pixels[known], residuals[known], pose[known]
     column = np.clip((pixels[:, 0] + 0.5) * COLUMNS / lens.width, 0, COLUMNS - 1).astype(int)
     row = np.clip((pixels[:, 1] + 0.5) * ROWS / lens.height, 0, ROWS - 1).astype(int)
-    place = row * COLUMNS + column
-    counts, means = _means(place, residuals, ROWS * COLUMNS)
+    field = row * COLUMNS + column
+    counts, means = _means(field, residuals, ROWS * COLUMNS)
     return ResidualField(
         pixels,
         residuals,
         counts.reshape(ROWS, COLUMNS),
         means.reshape(ROWS, COLUMNS, 2),
-        _pattern(place, pose, residuals),
+        _pattern(field, pose, residuals),
     )
 
 
@@ -64,25 +64,25 @@ def _pose_numbers(rig: Rig, fits: Sequence[ViewFit]) -> Ints:
     return np.array([number[key] for key in keys], int)
 
 
-def _means(place: Ints, residuals: Floats, total: int) -> tuple[Ints, Floats]:
+def _means(field: Ints, residuals: Floats, total: int) -> tuple[Ints, Floats]:
     """Counts (total,) and mean residuals (total, 2), nan where there are none."""
-    counts = np.bincount(place, minlength=total)
-    sums = np.stack([np.bincount(place, residuals[:, axis], total) for axis in (0, 1)], axis=1)
+    counts = np.bincount(field, minlength=total)
+    sums = np.stack([np.bincount(field, residuals[:, axis], total) for axis in (0, 1)], axis=1)
     with np.errstate(invalid="ignore", divide="ignore"):
         return counts, sums / counts[:, None]
 
 
-def _pattern(place: Ints, pose: Ints, residuals: Floats) -> float:
+def _pattern(field: Ints, pose: Ints, residuals: Floats) -> float:
     """Corners of one pose err together (it moved, it bends), and those of a static rectangle err alike again and
     again: what its mean is in a field is one sample."""
-    if not len(place):
+    if not len(field):
         return float("nan")
-    keys, inverse = np.unique(np.column_stack([place, pose]), axis=0, return_inverse=True)
+    keys, inverse = np.unique(np.column_stack([field, pose]), axis=0, return_inverse=True)
     _, samples = _means(inverse.ravel(), residuals, len(keys))
     counts, means = _means(keys[:, 0], samples, ROWS * COLUMNS)
     # Fields of fewer poses say little of a mean, and one outlier there would speak for a pattern.
-    told = counts >= _FEWEST_POSES
+    enough = counts >= _FEWEST_POSES
     variance = np.mean(samples**2)
-    if not told.any() or variance == 0:
+    if not enough.any() or variance == 0:
         return float("nan")
-    return float(np.mean(counts[told, None] * means[told] ** 2) / variance)
+    return float(np.mean(counts[enough, None] * means[enough] ** 2) / variance)

@@ -13,7 +13,7 @@ from quadrig.rig.words import length
 
 Grade = Literal["good", "with care", "not yet"]
 
-# Left-out framesets that miss this much more than those of the fit: the rig follows its noise, not the room.
+# Held-out framesets that miss this much more than those of the fit: the rig follows its noise, not the room.
 _OVERFITTED = 1.5
 PATTERN = 3.0
 """Residuals of a field that agree this much more than chance form a pattern: boards' own errors reach 2 on good real
@@ -42,8 +42,8 @@ def verdict(rig: Rig) -> Verdict:
 
 
 def _grade(rig: Rig, weak: list[str]) -> Grade:
-    untold = any(not camera.observable_focal for camera in rig.cameras)
-    if untold or not np.isfinite(rig.working_accuracy) or _overfitted(rig, 2 * _OVERFITTED):
+    unseparated = any(not camera.observable_focal for camera in rig.cameras)
+    if unseparated or not np.isfinite(rig.working_accuracy) or _overfitted(rig, 2 * _OVERFITTED):
         return "not yet"
     return "with care" if weak else "good"
 
@@ -61,10 +61,10 @@ def _headline(rig: Rig, grade: Grade) -> str:
 
 def _good(rig: Rig) -> list[str]:
     sentences = []
-    if np.isfinite(rig.left_out_rms):
+    if np.isfinite(rig.held_out_rms):
         against = "those of the fit to" if _overfitted(rig, _OVERFITTED) else "as well as those of the fit,"
         sentences.append(
-            f"Framesets left out of the fit are predicted to {rig.left_out_rms:.2f} px, {against} {rig.rms:.2f} px."
+            f"Framesets held out of the fit are predicted to {rig.held_out_rms:.2f} px, {against} {rig.rms:.2f} px."
         )
     elif np.isfinite(rig.rms):
         sentences.append(f"The fit agrees with its Views to {rig.rms:.2f} px.")
@@ -81,16 +81,16 @@ def _good(rig: Rig) -> list[str]:
 
 
 def _overfitted(rig: Rig, factor: float) -> bool:
-    return bool(np.isfinite(rig.left_out_rms) and rig.left_out_rms > factor * rig.rms)
+    return bool(np.isfinite(rig.held_out_rms) and rig.held_out_rms > factor * rig.rms)
 
 
-def contradiction_limit(told: Sequence[Disagreement]) -> float:
+def contradiction_limit(views: Sequence[Disagreement]) -> float:
     """Sigmas from which a View contradicts the rig more than the others do."""
-    return _CONTRADICTS * max(1.0, _usual(told))
+    return _CONTRADICTS * max(1.0, _usual(views))
 
 
-def _usual(told: Sequence[Disagreement]) -> float:
-    sigmas = [one.sigmas for one in told if np.isfinite(one.sigmas) and not one.rejected]
+def _usual(views: Sequence[Disagreement]) -> float:
+    sigmas = [one.sigmas for one in views if np.isfinite(one.sigmas) and not one.rejected]
     return float(np.median(sigmas)) if sigmas else 1.0
 
 

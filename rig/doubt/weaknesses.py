@@ -7,12 +7,12 @@ import numpy as np
 from quadrig.rig.result import Camera, Rig, ViewFit
 from quadrig.single.arrays import Floats
 
-# Above this many per cent the focal is what limits distances that a camera tells.
+# Above this many per cent the focal is what limits distances measured with a camera.
 _VAGUE_FOCAL = 0.02
 # Fewer Views than this leave one bad View the power to move a camera.
 _FEW_VIEWS = 5
-# Left-out framesets that fit this much worse than those of the fit speak of a lens or an instant that does not hold.
-_WORSE_LEFT_OUT = 1.5
+# Held-out framesets that fit this much worse than those of the fit speak of a lens or an instant that does not hold.
+_WORSE_HELD_OUT = 1.5
 # Less than this (px) is beyond what any detector promises.
 _NOTABLE = 0.1
 # Clocks that agree this well (s) displace a hand-held rectangle by less than a corner's noise.
@@ -20,7 +20,7 @@ _NOTABLE_OFFSET = 0.003
 # The share of a picture (in a grid of 4 x 4) below which the lens is a guess outside of what was covered.
 _LITTLE_COVER = 0.4
 _GRID = 4
-# So many groups of Views that were thrown out are named.
+# So many groups of rejected Views are named.
 _NAMED = 3
 
 
@@ -29,9 +29,9 @@ def weaknesses(rig: Rig) -> tuple[str, ...]:
     sentences = []
     for camera in rig.cameras:
         sentences += _of_camera(rig, camera)
-    if np.isfinite(rig.left_out_rms) and rig.left_out_rms > max(_WORSE_LEFT_OUT * rig.rms, rig.rms + _NOTABLE):
+    if np.isfinite(rig.held_out_rms) and rig.held_out_rms > max(_WORSE_HELD_OUT * rig.rms, rig.rms + _NOTABLE):
         sentences.append(
-            f"framesets left out of the fit miss by {rig.left_out_rms:.2f} px against {rig.rms:.2f} px of the fit: "
+            f"framesets held out of the fit miss by {rig.held_out_rms:.2f} px against {rig.rms:.2f} px of the fit: "
             "show more rectangles, in more places"
         )
     if rig.dispersion > 1:
@@ -47,7 +47,7 @@ def _of_camera(rig: Rig, camera: Camera) -> list[str]:
     sigma = rig.focal_sigma(camera.name) / camera.intrinsics.focal
     if not camera.observable_focal:
         sentences.append(
-            f"{camera.name}: its focal cannot be told from distance ({100 * sigma:.0f} %); "
+            f"{camera.name}: its focal length and distance cannot be separated ({100 * sigma:.0f} %); "
             "tilt a rectangle by 30 degrees or more in front of it"
         )
     elif sigma > _VAGUE_FOCAL:
@@ -120,4 +120,4 @@ def _rejected(fits: Sequence[ViewFit]) -> list[str]:
     ]
     rest = sum(len(seen) for _, seen in most[_NAMED:])
     total = sum(len(seen) for seen in out.values())
-    return [f"{total} of {len(fits)} Views were thrown out: {_listed([*named, *([f'{rest} more'] if rest else [])])}"]
+    return [f"{total} of {len(fits)} Views were rejected: {_listed([*named, *([f'{rest} more'] if rest else [])])}"]

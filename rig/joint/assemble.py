@@ -17,7 +17,7 @@ from quadrig.rig.start.pose_graph import FirstRig
 from quadrig.single.arrays import Floats, Ints, Mask
 from quadrig.single.lens import LENS_PARAMETERS, Intrinsics, project
 
-# Sigma of a focal, as a share of it, beyond which the Views cannot be said to tell it.
+# Sigma of a focal, as a share of it, beyond which the Views do not determine it.
 _UNKNOWN_FOCAL = 0.2
 
 
@@ -43,12 +43,12 @@ def cameras_of(problem: Problem, joint: Joint) -> tuple[Camera, ...]:
 
 
 def _clock_offsets(joint: Joint) -> Floats:
-    """Offsets (C,) s about their mean, zero for cameras whose clock nothing tells."""
+    """Offsets (C,) s about their mean, zero for cameras whose clock is not observable."""
     state = joint.adjustment.state
     if state.motion is None or state.offsets is None:
         return np.zeros(len(state.lens))
-    tells = state.motion.tells
-    return np.where(tells, state.offsets - state.offsets[tells].mean(), 0.0) if tells.any() else np.zeros(len(tells))
+    known = state.motion.observable
+    return np.where(known, state.offsets - state.offsets[known].mean(), 0.0) if known.any() else np.zeros(len(known))
 
 
 def _template(given: CameraInput) -> Intrinsics:
@@ -59,10 +59,10 @@ def camera_covariance(joint: Joint) -> Floats:
     """Covariance (15 C, 15 C) as Rig.covariance has it: lenses, and steps of rig_from_camera."""
     cameras, size = joint.reduced.free.shape
     columns = joint.adjustment.columns
-    place = np.concatenate([columns, np.arange(LENS, CAMERA_PARAMETERS)])
+    parameter = np.concatenate([columns, np.arange(LENS, CAMERA_PARAMETERS)])
     jacobian = step_by_camera_twist(joint.adjustment.state.camera_from_rig.inverse())
     block = np.zeros((cameras, CAMERA_PARAMETERS, size))
-    block[:, place[: len(columns)], np.arange(len(columns))] = 1.0
+    block[:, parameter[: len(columns)], np.arange(len(columns))] = 1.0
     block[:, LENS:, len(columns) : len(columns) + 6] = jacobian
     total = cameras * CAMERA_PARAMETERS
     spread = (block @ joint.covariance.reshape(cameras, size, -1)).reshape(total, cameras, size)
@@ -88,7 +88,7 @@ def node_covariances(joint: Joint) -> Floats:
 
 
 def rectangles_of(problem: Problem, joint: Joint, widening: float = 1.0) -> tuple[PlacedRectangle, ...]:
-    """Every rectangle that was placed; one whose Views were all thrown out is not.
+    """Every rectangle that was placed; one whose Views were all rejected is not.
 
     widening: what covariances are multiplied by.
     """
@@ -114,7 +114,7 @@ def rectangles_of(problem: Problem, joint: Joint, widening: float = 1.0) -> tupl
 
 
 def fits_of(problem: Problem, joint: Joint, reading: Ints) -> tuple[ViewFit, ...]:
-    """Residuals of every View, and why those that were thrown out were."""
+    """Residuals of every View, and why those that were rejected were."""
     state, observations = joint.predicted, joint.observations
     used: list[Mask] = [np.zeros(0, bool)] * len(problem.views)
     residuals: list[Floats] = [np.zeros((0, 2))] * len(problem.views)
@@ -134,7 +134,7 @@ def fits_of(problem: Problem, joint: Joint, reading: Ints) -> tuple[ViewFit, ...
 
 
 def _why(problem: Problem, index: int, residuals: Floats, joint: Joint) -> str:
-    """Why a View was thrown out, or an empty string."""
+    """Why a View was rejected, or an empty string."""
     if not joint.inliers.rejected[index]:
         return ""
     length = np.linalg.norm(residuals, axis=-1)
@@ -149,7 +149,7 @@ def _why(problem: Problem, index: int, residuals: Floats, joint: Joint) -> str:
 
 
 def _shift(problem: Problem, index: int, joint: Joint) -> int:
-    """By how many places the corners of a four-corner View would have to turn to fit; 0 where none does."""
+    """By how many the corners of a four-corner View would have to be shifted to fit; 0 where none does."""
     view = problem.views[index]
     if len(view.pixels) != 4:
         return 0
@@ -170,7 +170,7 @@ def _shift(problem: Problem, index: int, joint: Joint) -> int:
 @dataclass(frozen=True, eq=False)
 class Squares:
     """Of every View: its camera (V,), the sum of squared residuals (V,) px^2 of the points that took part, and their
-    number (V,); zero for Views that were thrown out."""
+    number (V,); zero for rejected Views."""
 
     camera: Ints
     total: Floats
@@ -194,9 +194,9 @@ def squares_of(problem: Problem, joint: Joint) -> Squares:
 
 
 def with_figures(
-    cameras: tuple[Camera, ...], fit: Squares, left_out: Squares, covariance: Floats
+    cameras: tuple[Camera, ...], fit: Squares, held_out: Squares, covariance: Floats
 ) -> tuple[Camera, ...]:
-    """The cameras with RMS, counts, and whether their focal could be told."""
+    """The cameras with RMS, counts, and whether their focal is observable."""
     result = []
     for index, camera in enumerate(cameras):
         own = fit.camera == index
@@ -205,7 +205,7 @@ def with_figures(
             replace(
                 camera,
                 rms=fit.rms(own),
-                left_out_rms=left_out.rms(own),
+                held_out_rms=held_out.rms(own),
                 views=int((fit.points[own] > 0).sum()),
                 observable_focal=sigma < _UNKNOWN_FOCAL * camera.intrinsics.focal,
             )
@@ -224,21 +224,21 @@ def assemble_rig(
 ) -> Rig:
     """The Rig of a joint adjustment, cameras in the given order of names. covariance: as Rig.covariance has it."""
     fit, without = squares_of(problem, joint), cross_validate(problem, joint)
-    left_out = _told(without.squares, fit)
+    held_out = _predicted(without.squares, fit)
     covariance = covariance * without.widening
-    cameras = with_figures(cameras_of(problem, joint), fit, left_out, covariance)
+    cameras = with_figures(cameras_of(problem, joint), fit, held_out, covariance)
     rectangles = rectangles_of(problem, joint, without.widening)
     accuracy = working_accuracy(cameras, covariance, covered_points(rectangles))
-    place = [index for name in order for index, camera in enumerate(cameras) if camera.name == name]
+    rows = [index for name in order for index, camera in enumerate(cameras) if camera.name == name]
     rig = Rig(
         reference,
-        tuple(cameras[i] for i in place),
+        tuple(cameras[i] for i in rows),
         rectangles,
-        _reordered(covariance, place),
+        _reordered(covariance, rows),
         fits_of(problem, joint, first.reading),
         joint.noise,
         fit.rms(),
-        left_out.rms(),
+        held_out.rms(),
         accuracy,
         missing,
         costs=joint.costs,
@@ -247,13 +247,13 @@ def assemble_rig(
     return replace(rig, weak=weaknesses(rig))
 
 
-def _reordered(covariance: Floats, place: list[int]) -> Floats:
-    size = len(covariance) // len(place)
-    index = (np.array(place)[:, None] * size + np.arange(size)).ravel()
+def _reordered(covariance: Floats, rows: list[int]) -> Floats:
+    size = len(covariance) // len(rows)
+    index = (np.array(rows)[:, None] * size + np.arange(size)).ravel()
     return covariance[np.ix_(index, index)]
 
 
-def _told(squares: Floats, fit: Squares) -> Squares:
-    """Of Views left out of the fit, those that can be said."""
-    told = np.isfinite(squares) & (fit.points > 0)
-    return replace(fit, total=np.where(told, squares, 0.0), points=np.where(told, fit.points, 0))
+def _predicted(squares: Floats, fit: Squares) -> Squares:
+    """Of Views as predicted without them, those for which there is a prediction."""
+    known = np.isfinite(squares) & (fit.points > 0)
+    return replace(fit, total=np.where(known, squares, 0.0), points=np.where(known, fit.points, 0))

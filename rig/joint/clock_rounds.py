@@ -7,7 +7,7 @@ import numpy as np
 from quadrig.rig.joint.stages import Contradicted, Joint, solve_jointly
 from quadrig.rig.problem.build import Problem, build_problem
 from quadrig.rig.start.clock_offsets import RegroupedViews, path_offsets, regroup
-from quadrig.rig.start.lenses_and_poses import Start, start
+from quadrig.rig.start.lenses_and_poses import FirstCameras, first_cameras
 from quadrig.rig.start.pose_graph import FirstRig, first_rig
 from quadrig.single.arrays import Floats
 from quadrig.single.errors import QuadrigError
@@ -34,9 +34,9 @@ def solve_with_clocks(problem: Problem, reference: str) -> Solved | Contradicted
     given, regrouped = problem, None
     rounds: list[Solved] = []
     for _ in range(_ROUNDS_OF_CLOCKS):
-        begin = start(problem)
+        alone = first_cameras(problem)
         offsets = None if regrouped is None else regrouped.offsets
-        first, joint = _one_round(problem, begin, reference, offsets)
+        first, joint = _one_round(problem, alone, reference, offsets)
         if isinstance(joint, Contradicted):
             if rounds:
                 break
@@ -46,10 +46,10 @@ def solve_with_clocks(problem: Problem, reference: str) -> Solved | Contradicted
         else:
             rounds.append(Solved(problem, joint, first))
             found = joint.adjustment.state.offsets
-            if _settled(offsets, found, joint.noise, begin.noise):
+            if _settled(offsets, found, joint.noise, alone.noise):
                 break
-        found = path_offsets(problem, _positions(begin)) if found is None else found
-        again: RegroupedViews | None = regroup(given, found, begin.noise) or regrouped
+        found = path_offsets(problem, _positions(alone)) if found is None else found
+        again: RegroupedViews | None = regroup(given, found, alone.noise) or regrouped
         if again is None:
             if isinstance(joint, Contradicted):
                 return joint
@@ -61,14 +61,14 @@ def solve_with_clocks(problem: Problem, reference: str) -> Solved | Contradicted
 
 
 def _one_round(
-    problem: Problem, begin: Start, reference: str, offsets: Floats | None
+    problem: Problem, alone: FirstCameras, reference: str, offsets: Floats | None
 ) -> tuple[FirstRig, Joint | Contradicted]:
     anchor, node = _anchor(problem, reference)
-    first = first_rig(problem, begin.candidates, anchor)
+    first = first_rig(problem, alone.candidates, anchor)
     if node is not None:
         first = _in_node_frame(first, node)
     standing = np.arange(len(problem.cameras)) == (anchor if node is None else -1)
-    return first, solve_jointly(problem, begin, first, standing, fixed_node=node, offsets=offsets)
+    return first, solve_jointly(problem, alone, first, standing, fixed_node=node, offsets=offsets)
 
 
 def _settled(before: Floats | None, after: Floats | None, noise: float, alone: float) -> bool:
@@ -79,9 +79,9 @@ def _settled(before: Floats | None, after: Floats | None, noise: float, alone: f
     return float(np.ptp(after - before)) < _SAME_CLOCK
 
 
-def _positions(begin: Start) -> Floats:
+def _positions(alone: FirstCameras) -> Floats:
     """The position of each View's rectangle in its camera (V, 3), m, by its likeliest candidate."""
-    candidates = begin.candidates
+    candidates = alone.candidates
     return candidates.camera_from_node.translation[np.unique(candidates.view, return_index=True)[1]]
 
 

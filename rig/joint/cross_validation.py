@@ -1,8 +1,8 @@
 """What the fit would have said of framesets that it had not seen, and whether parts of the recording agree.
 
 Each rectangle pose belongs to one fold: framesets a fifth of the recording at a time, so that what a fold shares
-with its neighbours in time (a clock, a light, a bent board) is left out with it. The reduced normal equations are
-sums over rectangle poses, so leaving a fold out is a subtraction: one Newton step gives the cameras without it, and
+with its neighbours in time (a clock, a light, a bent board) is held out with it. The reduced normal equations are
+sums over rectangle poses, so holding a fold out is a subtraction: one Newton step gives the cameras without it, and
 the fold's own rectangle poses are fitted to them. Equal to a fit without the fold to second order (shown by a test
 against real refits).
 """
@@ -42,7 +42,7 @@ class CrossValidation:
 
 
 def cross_validate(problem: Problem, joint: Joint) -> CrossValidation:
-    """Leave each fold out in turn."""
+    """Hold each fold out in turn."""
     fold = _folds(problem)[joint.observations.node]
     count = int(fold.max(initial=-1)) + 1
     if count < 2:
@@ -78,13 +78,13 @@ def _folds(problem: Problem) -> Ints:
     folds = np.zeros(len(frameset), int)
     moving = frameset >= 0
     if moving.any():
-        place = np.unique(frameset[moving], return_inverse=True)[1]
+        order = np.unique(frameset[moving], return_inverse=True)[1]
         views = np.bincount(problem.node, minlength=len(frameset))[moving]
-        total = np.bincount(place, views)
+        total = np.bincount(order, views)
         middle = np.cumsum(total) - total / 2
         # Few framesets, or ones of many Views, may skip a fold: numbers are closed up.
         number = np.unique((_FOLDS * middle / total.sum()).astype(int), return_inverse=True)[1]
-        folds[moving] = number[place]
+        folds[moving] = number[order]
     folds[~moving] = np.arange(int((~moving).sum())) % _FOLDS
     return folds
 
@@ -117,7 +117,7 @@ def _steps_without(joint: Joint, own: Reduced, number: int, out: Mask) -> Floats
     gradient = whole.gradient - own.gradient[number * cameras : (number + 1) * cameras]
     free = whole.free
     if not joint.free.node[joint.observations.node[out]].all():
-        # The rectangle that held the rig frame is left out itself: a camera holds the frame in its stead.
+        # The rectangle that held the rig frame is held out itself: a camera holds the frame in its stead.
         lens = len(joint.adjustment.columns)
         free = free.copy()
         free[0, lens : lens + 6] = False

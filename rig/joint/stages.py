@@ -22,7 +22,7 @@ from quadrig.rig.joint.time_errors import (
 from quadrig.rig.problem.build import Problem
 from quadrig.rig.problem.connectivity import components
 from quadrig.rig.problem.observations import Observations
-from quadrig.rig.start.lenses_and_poses import Start
+from quadrig.rig.start.lenses_and_poses import FirstCameras
 from quadrig.rig.start.pose_graph import FirstRig
 from quadrig.single.arrays import Floats, Mask
 
@@ -82,7 +82,7 @@ class _Fit:
 
 def solve_jointly(
     problem: Problem,
-    begin: Start,
+    alone: FirstCameras,
     first: FirstRig,
     standing: Mask,
     *,
@@ -92,13 +92,13 @@ def solve_jointly(
     """Adjust everything at once. The cameras that are standing (C,) bool keep their poses, and so does fixed_node:
     one of them at least holds the rig frame. offsets (C,) s: of the clocks, where they are known to differ."""
     observations = problem.observations(first.reading)
-    free = _free_parameters(problem, observations, begin, standing, fixed_node)
-    state = State(begin.lens, first.camera_from_rig, first.rig_from_node, offsets=offsets)
-    robust = _robust_stage(problem, observations, state, begin, first, free)
+    free = _free_parameters(problem, observations, alone, standing, fixed_node)
+    state = State(alone.lens, first.camera_from_rig, first.rig_from_node, offsets=offsets)
+    robust = _robust_stage(problem, observations, state, alone, first, free)
     contradicted = _contradicted(problem, observations, robust.inliers)
     if contradicted:
         return contradicted
-    choices, state, free = _lens_stage(problem, observations, begin, robust)
+    choices, state, free = _lens_stage(problem, observations, alone, robust)
     fit = replace(robust, free=free)
     return _least_squares_stage(problem, observations, state, fit, choices)
 
@@ -107,7 +107,7 @@ def _robust_stage(
     problem: Problem,
     observations: Observations,
     state: State,
-    begin: Start,
+    alone: FirstCameras,
     first: FirstRig,
     free: FreeParameters,
 ) -> _Fit:
@@ -115,13 +115,13 @@ def _robust_stage(
     if state.offsets is not None:
         state = with_motion(problem, state)
     tables = layout(observations)
-    found, noise = _robust(observations.thinned(ENOUGH_POINTS), state, begin.noise, first, free, tables)
+    found, noise = _robust(observations.thinned(ENOUGH_POINTS), state, alone.noise, first, free, tables)
     if state.offsets is not None:
         found = replace(found, state=with_motion(problem, found.state))
     squares = residual_squares(observations, found.state)
     inliers = inliers_of(observations, squares, found.state, free, noise)
-    if is_out_of_step(problem, observations, inliers, noise, alone=begin.noise):
-        noise = begin.noise
+    if is_out_of_step(problem, observations, inliers, noise, alone=alone.noise):
+        noise = alone.noise
         found, free = fit_time_errors(problem, observations, replace(found, state=state), free, noise)
         inliers = inliers_of(observations, found.linearised.squares, found.state, free, noise)
     return _Fit(found, free, inliers, noise)
@@ -149,7 +149,7 @@ def _robust(
 
 
 def _lens_stage(
-    problem: Problem, observations: Observations, begin: Start, fit: _Fit
+    problem: Problem, observations: Observations, alone: FirstCameras, fit: _Fit
 ) -> tuple[LensChoices, State, FreeParameters]:
     """The lens of every camera: what is free of it from here on, and the state that this leads to."""
     used = observations.with_weights(fit.inliers.weights)
@@ -157,7 +157,7 @@ def _lens_stage(
     # A lens that is kept keeps all its numbers.
     estimated = np.array([[not camera.fixed] for camera in problem.cameras])
     lens = np.where(choices.free | ~estimated, choices.state.lens, fit.free.prior_mean)
-    information = _priors(problem, begin, choices.principal_sigma)[1]
+    information = _priors(problem, alone, choices.principal_sigma)[1]
     free = replace(fit.free, lens=choices.free, prior_information=information)
     return choices, replace(choices.state, lens=lens), free
 
@@ -204,17 +204,17 @@ def _contradicted(problem: Problem, observations: Observations, inliers: Inliers
     return Contradicted(tuple(problem.cameras[i].name for i in loose)) if loose else None
 
 
-def _priors(problem: Problem, begin: Start, principal_sigma: float) -> tuple[Floats, Floats]:
+def _priors(problem: Problem, alone: FirstCameras, principal_sigma: float) -> tuple[Floats, Floats]:
     """Prior mean and information (C, 9); a focal is known to its own size, which counts where no View shows more."""
     mean, information = prior(problem, principal_sigma)
-    mean[:, 0], information[:, 0] = begin.lens[:, 0], 1 / begin.lens[:, 0] ** 2
+    mean[:, 0], information[:, 0] = alone.lens[:, 0], 1 / alone.lens[:, 0] ** 2
     return mean, information
 
 
 def _free_parameters(
-    problem: Problem, observations: Observations, begin: Start, standing: Mask, fixed_node: int | None
+    problem: Problem, observations: Observations, alone: FirstCameras, standing: Mask, fixed_node: int | None
 ) -> FreeParameters:
-    mean, information = _priors(problem, begin, PRINCIPAL_SIGMA)
+    mean, information = _priors(problem, alone, PRINCIPAL_SIGMA)
     node = np.ones(observations.nodes, bool)
     if fixed_node is not None:
         node[fixed_node] = False

@@ -17,7 +17,7 @@ from quadrig.single.view import View
 
 # The random part of a corner's error is about as large as the systematic one: more repeats than this win nothing.
 _MOST_REPEATS = 2
-# Four points carry a homography; fewer cannot place a plane.
+# Four points carry a homography; fewer determine no pose of a plane.
 _FEWEST_POINTS = 4
 
 
@@ -52,8 +52,8 @@ class Problem:
     @cached_property
     def sigmas(self) -> Floats:
         """Sigma (V,) of each View as a multiple of the median one: how sure corners are is learned from the data."""
-        told = np.array([view.sigma for view in self.views])
-        return told / np.median(told) if len(told) else told
+        given = np.array([view.sigma for view in self.views])
+        return given / np.median(given) if len(given) else given
 
     @cached_property
     def shares(self) -> Floats:
@@ -61,9 +61,9 @@ class Problem:
 
         Repeats average out what is random in a corner, not what is systematic (blur, print, the grid of pixels).
         """
-        place = {name: index for index, name in enumerate(self.rectangles)}
-        rectangle = np.array([place[view.rectangle] for view in self.views], int)
-        key = (self.node * len(place) + rectangle) * len(self.cameras) + self.camera
+        number = {name: index for index, name in enumerate(self.rectangles)}
+        rectangle = np.array([number[view.rectangle] for view in self.views], int)
+        key = (self.node * len(number) + rectangle) * len(self.cameras) + self.camera
         _, inverse, count = np.unique(key, return_inverse=True, return_counts=True)
         repeats = count[inverse]
         return np.minimum(repeats, _MOST_REPEATS) / repeats
@@ -89,7 +89,7 @@ class Problem:
 
 
 def build_problem(cameras: Sequence[CameraInput], rectangles: Sequence[Rectangle], views: Sequence[View]) -> Problem:
-    """Number everything. Views of too few points are left out.
+    """Number everything. Views of too few points are ignored.
 
     Raises QuadrigError where names repeat, or a View names what is not there or holds broken numbers.
     """

@@ -17,7 +17,7 @@ class ObservationGroup:
 
     view, camera, node (V,): index of the View, of its camera, of the rectangle pose (node) it sees.
     points (V, P, 3) metres in the rectangle's frame, pixels (V, P, 2), weights (V, P): share/sigma^2 of a pixel
-    coordinate, zero where padded or left out. share (V,): what a View counts for, below one where it repeats others.
+    coordinate, zero where padded or rejected. share (V,): what a View counts for, below one where it repeats others.
     """
 
     view: Ints
@@ -53,7 +53,7 @@ class ObservationGroup:
 
     @property
     def certainty(self) -> Floats:
-        """1/sigma^2 (V, P) of a pixel coordinate by itself, zero where padded or left out."""
+        """1/sigma^2 (V, P) of a pixel coordinate by itself, zero where padded or rejected."""
         return self.weights / self.share[:, None]
 
 
@@ -129,10 +129,10 @@ def pack(
         for size in np.unique(padded[of_model]):
             view = np.flatnonzero(of_model & (padded == size))
             real = np.arange(size) < sizes[view][:, None]
-            # Padding repeats the first point: a place that surely projects; its weight of zero takes it out.
-            place = starts[view][:, None] + np.arange(size) * real
+            # Padding repeats the first point: one that surely projects; its weight of zero takes it out.
+            index = starts[view][:, None] + np.arange(size) * real
             weights = np.where(real, (share[view] / sigma[view] ** 2)[:, None], 0.0)
-            located = every_point[place], every_pixel[place], weights
+            located = every_point[index], every_pixel[index], weights
             groups.append(ObservationGroup(view, camera[view], node[view], *located, share[view], model))
     return Observations(tuple(groups), np.asarray(camera), np.asarray(node), len(models), nodes)
 

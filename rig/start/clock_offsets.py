@@ -3,7 +3,7 @@
 A rectangle's path, as each camera by itself sees it, has the same shape for all: the offset between two clocks is the
 one at which the paths are one rigid motion apart. Views then go to the frameset that is nearest to when they were
 really taken. What is left, up to half a frame, is the motion between framesets, and the joint adjustment refines the
-offsets with it (rig.clock).
+offsets with it (adjustment/motion.py).
 """
 
 from dataclasses import dataclass, replace
@@ -21,7 +21,7 @@ _FARTHEST = 0.2
 _STEPS = (0.02, 0.004)
 # Instants that two paths must share: fewer fix no rigid motion and offset worth having.
 _FEWEST = 20
-# Share of the instants, those that agree least, that are left out: poses of single Views have wild ones among them.
+# Share of the instants, those that agree least, that do not count: poses of single Views have wild ones among them.
 _WILD = 0.1
 # Common shifts of all clocks that are tried, as far apart as two framesets are.
 _PHASES = 16
@@ -51,13 +51,13 @@ def regroup(problem: Problem, offsets: Floats, noise: float) -> RegroupedViews |
     return RegroupedViews(_regrouped(problem, np.concatenate(list(tracks.values())), true, times), offsets)
 
 
-def path_offsets(problem: Problem, places: Floats) -> Floats:
-    """Offsets (C,) s that the paths tell: to some ms, worse where lenses are not known yet.
+def path_offsets(problem: Problem, positions: Floats) -> Floats:
+    """Offsets (C,) s that the paths show: to some ms, worse where lenses are not known yet.
 
-    places (V, 3): of each View's rectangle in its camera, m.
+    positions (V, 3): of each View's rectangle in its camera, m.
     """
     times = np.array([view.time for view in problem.views])
-    return _offsets(_tracks(problem), times, places, len(problem.cameras))
+    return _offsets(_tracks(problem), times, positions, len(problem.cameras))
 
 
 def _instants(problem: Problem, times: Floats) -> Floats:
@@ -80,15 +80,15 @@ def _regrouped(problem: Problem, moving: Ints, true: Floats, times: Floats) -> t
     common = np.median((true - stamped)[moving])
     phases = np.median(np.diff(instants)) * (np.arange(_PHASES) / _PHASES - 0.5)
     tried = true[moving] - common + phases[:, None]
-    places = np.searchsorted((instants[1:] + instants[:-1]) / 2, tried)
-    gaps = np.abs(tried - instants[places])
+    nearest = np.searchsorted((instants[1:] + instants[:-1]) / 2, tried)
+    gaps = np.abs(tried - instants[nearest])
     best = int(np.argmin((gaps**2).sum(axis=1)))
-    place, gap = places[best], gaps[best]
+    nearest, gap = nearest[best], gaps[best]
     views: dict[object, View] = dict(enumerate(problem.views))
     for v in moving:
         del views[v]
     for k in np.argsort(gap)[::-1]:
-        view = replace(problem.views[moving[k]], frameset=int(framesets[place[k]]))
+        view = replace(problem.views[moving[k]], frameset=int(framesets[nearest[k]]))
         views[view.camera, view.rectangle, view.frameset] = view
     return tuple(views.values())
 
@@ -118,7 +118,7 @@ def _tracks(problem: Problem) -> dict[tuple[int, str], Ints]:
     return ordered
 
 
-def _offsets(tracks: dict[tuple[int, str], Ints], times: Floats, places: Floats, cameras: int) -> Floats:
+def _offsets(tracks: dict[tuple[int, str], Ints], times: Floats, positions: Floats, cameras: int) -> Floats:
     """Offsets (C,) s, of mean zero over the cameras that share a path, from those of all pairs."""
     rows, right = [], []
     keys = list(tracks)
@@ -127,7 +127,7 @@ def _offsets(tracks: dict[tuple[int, str], Ints], times: Floats, places: Floats,
             one, two = tracks[a, name], tracks.get((b, name))
             if name != other or two is None:
                 continue
-            found = _offset_between(times[one], places[one], times[two], places[two])
+            found = _offset_between(times[one], positions[one], times[two], positions[two])
             if found is not None:
                 offset, sigma = found
                 row = np.zeros(cameras)
@@ -138,30 +138,32 @@ def _offsets(tracks: dict[tuple[int, str], Ints], times: Floats, places: Floats,
 
 
 def _offset_between(
-    time: Floats, place: Floats, other_time: Floats, other_place: Floats
+    time: Floats, position: Floats, other_time: Floats, other_position: Floats
 ) -> tuple[float, float] | None:
-    """What to add to the times of one path to have those of the other, s, with its sigma; None where untold."""
+    """What to add to the times of one path to have those of the other, s, with its sigma; None where unknown."""
     best = 0.0
     for step in _STEPS:
         reach = _FARTHEST if step == _STEPS[0] else _STEPS[0]
         tried = best + np.arange(-round(reach / step), round(reach / step) + 1) * step
-        gaps = np.array([_apart(time + shift, place, other_time, other_place) for shift in tried])
+        gaps = np.array([_apart(time + shift, position, other_time, other_position) for shift in tried])
         if not np.isfinite(gaps).any():
             return None
         best = float(tried[np.nanargmin(gaps)])
     near = best + np.array([-2, -1, 0, 1, 2]) * _STEPS[-1]
-    bend, slope, least = np.polyfit(near - best, [_apart(time + t, place, other_time, other_place) for t in near], 2)
+    bend, slope, least = np.polyfit(
+        near - best, [_apart(time + t, position, other_time, other_position) for t in near], 2
+    )
     if not (np.isfinite(bend) and bend > 0 and least > 0):
         return None
     offset = best - float(np.clip(slope / (2 * bend), -_STEPS[0], _STEPS[0]))
-    agreed = _apart(time, place, other_time, other_place)
+    agreed = _apart(time, position, other_time, other_position)
     count = len(time)
     sigma = float(np.sqrt(least / (count * bend)))
-    told = not np.isfinite(agreed) or count * (agreed - least) / least > _EVIDENCE
-    return (offset if told else 0.0), sigma
+    certain = not np.isfinite(agreed) or count * (agreed - least) / least > _EVIDENCE
+    return (offset if certain else 0.0), sigma
 
 
-def _apart(time: Floats, place: Floats, other_time: Floats, other_place: Floats) -> float:
+def _apart(time: Floats, position: Floats, other_time: Floats, other_position: Floats) -> float:
     """Mean squared distance (m^2) of two paths after the best affine map, which forgives lenses known roughly; nan
     where they share too little."""
     after = np.searchsorted(other_time, time)
@@ -169,8 +171,8 @@ def _apart(time: Floats, place: Floats, other_time: Floats, other_place: Floats)
     inside[inside] = other_time[after[inside]] - other_time[after[inside] - 1] < LONGEST_GAP
     if np.count_nonzero(inside) < _FEWEST:
         return float("nan")
-    one = place[inside]
-    two = np.stack([np.interp(time[inside], other_time, axis) for axis in other_place.T], axis=1)
+    one = position[inside]
+    two = np.stack([np.interp(time[inside], other_time, axis) for axis in other_position.T], axis=1)
     two = np.concatenate([two, np.ones((len(two), 1))], axis=1)
     kept = _tame(_map_squares(one, two))
     squares = _map_squares(one[kept], two[kept])

@@ -26,7 +26,7 @@ from quadrig.single.solve.planar_pose import planar_poses
 
 # A first focal outside of these shares of the image's larger side is a 175 or a 3 degree lens: taken as a failure.
 _SHORTEST, _LONGEST = 0.05, 20.0
-# The focal that a camera starts from when none of its Views can tell: 53 degrees across.
+# The focal that a camera starts from when no View of its determines it: 53 degrees across.
 _USUAL_FOCAL = 1.0
 # A twin whose chi-square is this much above the first candidate's is out of the question (e^-20).
 _TWIN_COST = 40.0
@@ -35,7 +35,7 @@ _MONO_STEPS = 3
 # Gauss-Newton steps of a twin, whose closed form is near already.
 _TWIN_STEPS = 2
 _NO_LENS = np.zeros(0, int)
-# Added to the diagonal of a pose's normal matrix (1/rad^2, 1/m^2): far below what any View tells.
+# Added to the diagonal of a pose's normal matrix (1/rad^2, 1/m^2): far below what any View contributes.
 _LEAST_INFORMATION = 1e-9
 
 
@@ -55,7 +55,7 @@ class Candidates:
 
 
 @dataclass(frozen=True, eq=False)
-class Start:
+class FirstCameras:
     """Lenses (C, 9), candidates of every View, and the noise (px) seen so far."""
 
     lens: Floats
@@ -63,13 +63,13 @@ class Start:
     noise: float
 
 
-def start(problem: Problem) -> Start:
+def first_cameras(problem: Problem) -> FirstCameras:
     """Calibrate each camera against the rectangles it sees."""
     observations = _alone(problem).thinned(ENOUGH_POINTS)
     lens = _first_lenses(problem, observations)
     poses, errors = _both_poses(observations, lens)
     alone = _refine(problem, observations, lens, poses[:, 0], errors[:, 0])
-    return Start(alone.lens, _candidates(problem, observations, alone, poses[:, 1], errors), alone.noise)
+    return FirstCameras(alone.lens, _candidates(problem, observations, alone, poses[:, 1], errors), alone.noise)
 
 
 def _alone(problem: Problem) -> Observations:
@@ -110,7 +110,7 @@ def _first_lenses(problem: Problem, observations: Observations) -> Floats:
 
 
 def _focals(points: Floats, pixels: Floats, weights: Floats, middle: Floats) -> tuple[Floats, Floats]:
-    """Focal (V,) of each View and its weight, zero where the View cannot tell."""
+    """Focal (V,) of each View and its weight, zero where the View does not determine it."""
     homography = homographies(points[..., :2], pixels, weights)
     low, high = points[..., :2].min(axis=1), points[..., :2].max(axis=1)
     size = high - low
@@ -121,8 +121,8 @@ def _focals(points: Floats, pixels: Floats, weights: Floats, middle: Floats) -> 
         # The four corners of the homography stand for all points: their noise falls with the number of points.
         weight = (weights > 0).sum(axis=1) * (found.focal**2 / found.focal_sigma) ** 2
     # An unknowable focal still votes, with the little weight that its sigma leaves it.
-    tells = (found.reason == Reason.OK) | (found.reason == Reason.FOCAL_UNKNOWABLE)
-    return found.focal, np.where(tells & np.isfinite(weight) & np.isfinite(found.focal), weight, 0.0)
+    usable = (found.reason == Reason.OK) | (found.reason == Reason.FOCAL_UNKNOWABLE)
+    return found.focal, np.where(usable & np.isfinite(weight) & np.isfinite(found.focal), weight, 0.0)
 
 
 def _weighted_median(values: Floats, weights: Floats) -> float:
@@ -221,7 +221,7 @@ def _chi_squares(observations: Observations, squares: tuple[Floats, ...], noise:
 def _candidates(
     problem: Problem, observations: Observations, alone: _Alone, twin: Pose, errors: Floats
 ) -> Candidates:
-    """First candidates, twins that cannot be excluded, and the turned readings of both."""
+    """First candidates, twins that cannot be excluded, and the further readings of both."""
     count = len(problem.views)
     views, none = np.arange(count), np.zeros(count, int)
     scale = alone.lens[observations.camera, 0] / alone.noise
@@ -237,7 +237,7 @@ def _candidates(
         apart = _differs(alone.camera_from_rect[weak], refined[weak], alone.covariance[weak])
         keep = weak[(cost[weak] - alone.cost[weak] < _TWIN_COST) & apart]
         parts.append((keep, none[keep], refined[keep], covariance[keep], (cost - alone.cost)[keep]))
-    parts += _turned(problem, parts)
+    parts += _read_otherwise(problem, parts)
     parts = [_in_node_frame(problem, part) for part in parts]
     view = np.concatenate([p[0] for p in parts])
     every_cost = np.concatenate([p[4] for p in parts])
@@ -286,24 +286,26 @@ def _differs(first: Pose, other: Pose, covariance: Floats) -> Mask:
     return np.einsum("vi,vij,vj->v", step, np.linalg.inv(covariance), step) > 9.0
 
 
-def _turned(problem: Problem, parts: list[_Part]) -> list[_Part]:
+def _read_otherwise(problem: Problem, parts: list[_Part]) -> list[_Part]:
     """The same poses read with the points of each further reading."""
-    turned: list[_Part] = []
+    read: list[_Part] = []
     readings = np.array([len(v.readings) for v in problem.views])
     for reading in range(1, int(readings.max(initial=1))):
         for view, _, pose, covariance, cost in parts:
             own = np.flatnonzero(readings[view] > reading)
             if not len(own):
                 continue
-            turns = [_turn(problem.views[v].readings[reading], problem.views[v].points) for v in view[own]]
-            first_from_other = Pose(np.stack([t.rotation for t in turns]), np.stack([t.translation for t in turns]))
-            turned.append(
+            motions = [_plane_motion(problem.views[v].readings[reading], problem.views[v].points) for v in view[own]]
+            first_from_other = Pose(
+                np.stack([m.rotation for m in motions]), np.stack([m.translation for m in motions])
+            )
+            read.append(
                 (view[own], np.full(len(own), reading), pose[own] @ first_from_other, covariance[own], cost[own])
             )
-    return turned
+    return read
 
 
-def _turn(from_points: Floats, to_points: Floats) -> Pose:
+def _plane_motion(from_points: Floats, to_points: Floats) -> Pose:
     """The rigid motion of the plane that takes one reading's points to another's (Kabsch 1976)."""
     a, b = from_points - from_points.mean(axis=0), to_points - to_points.mean(axis=0)
     correlation = b.T @ a

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     import scipy.sparse
 
 
-# Keeps the reference camera's own block invertible (1/rad^2, 1/m^2): far below what any relative pose tells.
+# Keeps the reference camera's own block invertible (1/rad^2, 1/m^2): far below what any relative pose contributes.
 _HELD = 1e-9
 # Relative poses that agree to a share of their sigmas leave nothing to average: the joint adjustment does the rest.
 _AGREED = 1.0
@@ -22,7 +22,7 @@ _AGREED = 1.0
 _AVERAGE_ROUNDS = (1000.0, 100.0, 30.0, 10.0, 5.0, 5.0)
 
 
-def average(camera_from_rig: Pose, relatives: "Sequence[Relative]", reference: int) -> Pose:
+def average(camera_from_rig: Pose, relatives: "Sequence[RelativePose]", reference: int) -> Pose:
     """Poses that agree best with all relative poses at once, not with the paths alone: loops close.
 
     Gauss-Newton over twists in the rig frame with Cauchy's weights, tightened step by step (graduated
@@ -59,17 +59,17 @@ def average(camera_from_rig: Pose, relatives: "Sequence[Relative]", reference: i
     return camera_from_rig
 
 
-def _block_matrix(blocks: Floats, place: tuple[Ints, Ints], shape: tuple[int, int]) -> "scipy.sparse.csr_array":
+def _block_matrix(blocks: Floats, at: tuple[Ints, Ints], shape: tuple[int, int]) -> "scipy.sparse.csr_array":
     """Sparse matrix of 6x6 blocks (B, 6, 6) at block rows and columns (B,)."""
     from scipy.sparse import coo_array
 
-    row, column = (6 * axis[:, None, None] for axis in place)
+    row, column = (6 * axis[:, None, None] for axis in at)
     row, column = np.broadcast_arrays(row + np.arange(6)[:, None], column + np.arange(6))
     return coo_array((blocks.ravel(), (row.ravel(), column.ravel())), shape=shape).tocsr()
 
 
 @dataclass(frozen=True, eq=False)
-class Relative:
+class RelativePose:
     """left_from_right of two cameras, how many rectangle poses support it, and its sigma (rad and m, as one)."""
 
     left: int

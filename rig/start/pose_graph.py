@@ -11,7 +11,7 @@ import numpy as np
 
 from quadrig.rig.problem.build import Problem
 from quadrig.rig.start.lenses_and_poses import Candidates
-from quadrig.rig.start.motion_averaging import Relative, average
+from quadrig.rig.start.motion_averaging import RelativePose, average
 from quadrig.single.arrays import Floats, Ints, Mask
 from quadrig.single.pose import Pose
 from quadrig.single.rotation import nearest_rotation
@@ -60,7 +60,7 @@ def _sigmas(candidates: Candidates) -> tuple[Floats, Floats]:
     return rotation, translation
 
 
-def relative_poses(problem: Problem, candidates: Candidates) -> list[Relative]:
+def relative_poses(problem: Problem, candidates: Candidates) -> list[RelativePose]:
     """The relative pose of every two cameras that share a rectangle pose."""
     node, camera = problem.node[candidates.view], problem.camera[candidates.view]
     sigma_rotation, sigma_translation = _sigmas(candidates)
@@ -121,7 +121,7 @@ def _sharing(by_camera: dict[int, dict[int, list[int]]]) -> dict[tuple[int, int]
 
 def _vote(
     left: int, right: int, poses: Pose, node: Ints, rotation: Floats, translation: Floats, cost: Floats
-) -> Relative:
+) -> RelativePose:
     """The candidate that most rectangle poses agree with, averaged with all that do."""
     distance = _disagreement(poses, poses, rotation, translation, rotation, translation)
     weight = np.where(distance < _AGREES, np.exp(-0.5 * distance**2 - 0.25 * cost[None, :]), 0.0)
@@ -134,10 +134,12 @@ def _vote(
     nearest = np.repeat(by_node[winner], np.diff(starts, append=len(node)))
     keep = (weight[winner] > 0) & (weight[winner] >= nearest)
     share = np.where(keep, 1 / translation**2, 0.0)
-    turn = nearest_rotation(np.einsum("k,kij->ij", np.where(keep, 1 / rotation**2, 0.0), poses.rotation))
-    place = share @ poses.translation / share.sum()
+    mean_rotation = nearest_rotation(np.einsum("k,kij->ij", np.where(keep, 1 / rotation**2, 0.0), poses.rotation))
+    mean_position = share @ poses.translation / share.sum()
     spread = 1 / np.sqrt(np.where(keep, 1 / (rotation**2 + translation**2), 0.0).sum())
-    return Relative(left, right, Pose(turn, place), int((by_node[winner] > 0).sum()), len(starts), float(spread))
+    return RelativePose(
+        left, right, Pose(mean_rotation, mean_position), int((by_node[winner] > 0).sum()), len(starts), float(spread)
+    )
 
 
 def _disagreement(
@@ -153,7 +155,7 @@ def _disagreement(
     )
 
 
-def _chain(cameras: int, relatives: list[Relative], reference: int) -> tuple[Pose, Mask]:
+def _chain(cameras: int, relatives: list[RelativePose], reference: int) -> tuple[Pose, Mask]:
     """camera_from_rig along the path of least summed variance from the reference camera."""
     import networkx
 
@@ -202,12 +204,12 @@ def _place_nodes(
     support = other_cameras + 0.5 * same_camera / (1 + same_camera)
     score = np.where(usable, support - 1e-3 * candidates.cost - 1e-3 * np.minimum(rotation, 100.0), -np.inf)
     best = _best_by_key(score, node, len(problem.nodes))
-    place = rig_from_node[best]
+    chosen = rig_from_node[best]
     gap = _distance_rows(rig_from_node, rotation, translation, np.arange(len(node)), best[node])
     choice = _best_by_key(
         np.where(usable, -gap - 1e-6 * candidates.cost, -np.inf), candidates.view, len(problem.views)
     )
-    return place, choice, gap[choice] < _AGREES
+    return chosen, choice, gap[choice] < _AGREES
 
 
 def _same_node_pairs(node: Ints) -> tuple[Ints, Ints]:

@@ -151,7 +151,7 @@ def _rig(cameras, rectangles, covariance, views) -> Rig:
         fits.append(ViewFit(view, own, np.ones(len(own), bool)))
     rms = float(np.sqrt(np.mean(residuals**2) * 2))
     cameras = tuple(
-        replace(camera, rms=rms, left_out_rms=1.1 * rms, views=sum(view.camera == camera.name for view in views))
+        replace(camera, rms=rms, held_out_rms=1.1 * rms, views=sum(view.camera == camera.name for view in views))
         for camera in cameras
     )
     return Rig(
@@ -162,7 +162,7 @@ def _rig(cameras, rectangles, covariance, views) -> Rig:
         fits=tuple(fits),
         noise=NOISE,
         rms=rms,
-        left_out_rms=1.1 * rms,
+        held_out_rms=1.1 * rms,
         working_accuracy=0.0021,
         missing={"cam9": "camera 'cam9' shares no rectangle with the others; show 'board' to it and cam0 together"},
         weak=("cam2: the focal rests on 3 tilted Views; tilt the board more in front of it",),

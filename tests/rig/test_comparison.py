@@ -38,7 +38,7 @@ def test_a_rig_equals_itself_in_any_frame(rig):
     assert found.chance == pytest.approx(1)
     for one in found.cameras:
         assert one.shift < 1e-9
-        assert one.turn < 1e-9
+        assert one.rotation < 1e-9
         assert one.shift_sigma > 0
     np.testing.assert_allclose((found.first_from_second @ elsewhere).matrix(), np.eye(4), atol=1e-9)
 

@@ -40,7 +40,7 @@ def test_a_nudged_camera_is_named_with_its_shift(simulated, room, index):
     assert [move.state == "moved" for move in moves] == [i == index for i in range(4)]
     move = moves[index]
     assert abs(move.shift - np.linalg.norm(step[3:])) < 4 * move.shift_sigma
-    assert abs(move.turn - np.linalg.norm(step[:3])) < 4 * move.turn_sigma
+    assert abs(move.rotation - np.linalg.norm(step[:3])) < 4 * move.rotation_sigma
     assert move.instead == ()
 
 
@@ -193,5 +193,5 @@ def test_the_nudged_cameras_of_the_floor(shared_data, turn_sigma, place_sigma):
     # The second turned by 0.8 degrees, which four corners alone tell where the rig was known to a twentieth.
     assert moved >= ({"camera_00", "camera_01"} if turn_sigma < 0.1 else {"camera_00"})
     assert min(moves, key=lambda name: moves[name].chance if name in moved else 1) == "camera_00"
-    assert 2 < np.degrees(moves["camera_00"].turn) < 3.5
+    assert 2 < np.degrees(moves["camera_00"].rotation) < 3.5
     assert moves["camera_13"].state != "moved"

@@ -11,15 +11,15 @@ from quadrig.rig.calibration import calibrate
 from quadrig.rig.joint.cross_validation import cross_validate
 from quadrig.rig.joint.stages import Joint, solve_jointly
 from quadrig.rig.problem.build import build_problem
-from quadrig.rig.start.lenses_and_poses import start
+from quadrig.rig.start.lenses_and_poses import first_cameras
 from quadrig.rig.start.pose_graph import first_rig
 
 
 def jointly(made):
     problem = build_problem(made.inputs, made.rectangles, made.views)
-    begin = start(problem)
+    alone = first_cameras(problem)
     standing = np.arange(len(problem.cameras)) == 0
-    joint = solve_jointly(problem, begin, first_rig(problem, begin.candidates, 0), standing)
+    joint = solve_jointly(problem, alone, first_rig(problem, alone.candidates, 0), standing)
     assert isinstance(joint, Joint)
     return problem, joint
 
@@ -83,29 +83,29 @@ def test_what_was_not_seen_fits_worse_and_more_so_the_less_was_seen(simulated):
     made = simulated.simulate(42, simulated.Scene(cameras=3, framesets=40, board=False, distortion=False, tags=1))
     many = calibrate(made.inputs, made.rectangles, made.views)
     few = calibrate(made.inputs, made.rectangles, [v for v in made.views if v.frameset < 15])
-    assert many.left_out_rms > many.rms
-    assert few.left_out_rms / few.rms > many.left_out_rms / many.rms
+    assert many.held_out_rms > many.rms
+    assert few.held_out_rms / few.rms > many.held_out_rms / many.rms
 
 
 def test_every_camera_has_its_own_figure(board_rig):
     _, rig = board_rig
     for camera in rig.cameras:
-        assert np.isfinite(camera.left_out_rms)
-        assert 0.8 * rig.rms < camera.left_out_rms < 1.5 * rig.left_out_rms
+        assert np.isfinite(camera.held_out_rms)
+        assert 0.8 * rig.rms < camera.held_out_rms < 1.5 * rig.held_out_rms
 
 
 def test_a_lens_too_simple_shows_in_what_was_left_out(simulated):
     made = simulated.simulate(43, simulated.Scene(cameras=3, framesets=16))
     simple = calibrate([replace(c, lens="f") for c in made.inputs], made.rectangles, made.views)
     chosen = calibrate(made.inputs, made.rectangles, made.views)
-    assert chosen.left_out_rms < simple.left_out_rms
+    assert chosen.held_out_rms < simple.held_out_rms
 
 
 def test_one_frameset_cannot_be_left_out(simulated):
     made = simulated.simulate(44, simulated.Scene(cameras=3, framesets=20, board=False, distortion=False, tags=0))
     together = [[v for v in made.views if v.frameset == f] for f in range(20)]
     rig = calibrate(made.inputs, made.rectangles, max(together, key=len))
-    assert np.isnan(rig.left_out_rms)
+    assert np.isnan(rig.held_out_rms)
 
 
 def test_the_folds_of_clean_rigs_disagree_as_noise_explains(simulated):

@@ -168,5 +168,5 @@ def test_only_differences_of_clocks_count():
     count = len(problem.nodes)
     moved = motion(problem, Pose(np.tile(np.eye(3), (count, 1, 1)), np.zeros((count, 3))), np.zeros(3))
     assert moved is not None
-    assert np.count_nonzero(moved.tells) == 3
+    assert np.count_nonzero(moved.observable) == 3
     assert np.count_nonzero(moved.free) == 2

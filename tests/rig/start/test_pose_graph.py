@@ -9,14 +9,14 @@ from quadrig.rig.calibration import calibrate
 from quadrig.rig.joint.stages import Joint, solve_jointly
 from quadrig.rig.problem.build import build_problem
 from quadrig.rig.problem.connectivity import components
-from quadrig.rig.start.lenses_and_poses import start
+from quadrig.rig.start.lenses_and_poses import first_cameras
 from quadrig.rig.start.pose_graph import first_rig, relative_poses
 from quadrig.single.rotation import rotation_from_vector
 
 
 def first_of(made, views=None, reference=0):
     problem = build_problem(made.inputs, made.rectangles, made.views if views is None else views)
-    return problem, first_rig(problem, start(problem).candidates, reference)
+    return problem, first_rig(problem, first_cameras(problem).candidates, reference)
 
 
 def test_components_are_those_that_share(board_rig):
@@ -79,7 +79,7 @@ def test_any_camera_may_be_the_first(board_rig):
 def test_relatives_tell_how_many_support_them(board_rig):
     made, _ = board_rig
     problem = build_problem(made.inputs, made.rectangles, made.views)
-    found = relative_poses(problem, start(problem).candidates)
+    found = relative_poses(problem, first_cameras(problem).candidates)
     assert {(r.left, r.right) for r in found} == {(0, 1), (0, 2), (1, 2)}
     for relative in found:
         assert 0 < relative.support <= relative.voters
@@ -106,6 +106,8 @@ def test_views_that_the_first_lenses_belied_are_taken_back(simulated):
     belied = [v.rectangle == "tag0" or (v.camera == "cam1" and v.pixels[:, 0].max() < 500) for v in problem.views]
     assert np.any(belied)
     standing = np.arange(len(problem.cameras)) == 0
-    joint = solve_jointly(problem, start(problem), replace(first, agrees=first.agrees & ~np.array(belied)), standing)
+    joint = solve_jointly(
+        problem, first_cameras(problem), replace(first, agrees=first.agrees & ~np.array(belied)), standing
+    )
     assert isinstance(joint, Joint)
     assert not joint.inliers.rejected.any()
