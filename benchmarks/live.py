@@ -32,8 +32,8 @@ from quadrig.io.live.plan import SetupPlan
 from quadrig.io.live.session import run_setup
 from quadrig.io.live.state import SetupState
 from quadrig.io.live.terminal import PlainScreen
-from quadrig.io.viewer.live import RerunScreen
 from quadrig.io.viewer.process import Viewer
+from quadrig.io.viewer.setup.screen import RerunScreen
 from quadrig.io.workers import run_tasks
 from quadrig.single.marking import TagMarking
 from quadrig.single.rectangle import Rectangle

@@ -107,7 +107,7 @@ def _number(value: float) -> float | None:
 
 
 def _shown(first: Rig, second: Rig, found: Comparison) -> rerun_show.Shown:
-    from quadrig.io.viewer.comparison import comparison_blueprint, log_comparison
+    from quadrig.io.viewer.inspect.comparison import comparison_blueprint, log_comparison
 
     return rerun_show.Shown(
         comparison_blueprint(first),

@@ -40,17 +40,17 @@ def save_rrd(path: Path, held: RigFile, recording: list[Path]) -> None:
 
 
 def _shown(held: RigFile, recording: list[Path]) -> rerun_show.Shown:
-    from quadrig.io.viewer.blueprint import rig_blueprint
+    from quadrig.io.viewer.inspect.blueprint import rig_blueprint
 
     return rerun_show.Shown(rig_blueprint(held.rig), lambda stream, one_look: _log(stream, held, recording, one_look))
 
 
 def _log(stream: Any, held: RigFile, recording: list[Path], one_look: bool) -> None:
-    from quadrig.io.viewer.rig import log_pictures, log_rig
+    from quadrig.io.viewer.inspect.whole_rig import log_pictures, log_rig
 
     log_rig(stream, held.rig, held.times)
     if recording:
-        from quadrig.io.viewer.pictures import MOST_FRAMESETS, rig_pictures
+        from quadrig.io.viewer.inspect.pictures import MOST_FRAMESETS, rig_pictures
 
         most = _FRAMESETS_OF_A_LOOK if one_look else MOST_FRAMESETS
         count = log_pictures(stream, rig_pictures(held.rig, held.times, recording, most), held.times)

@@ -152,8 +152,8 @@ def _screens(plan: SetupPlan, web: bool, no_viewer: bool, save: Path | None):
     screens: list[Screen] = []
     viewer = None
     if save is not None or not no_viewer:
-        from quadrig.io.viewer.live import RerunScreen
         from quadrig.io.viewer.process import Viewer
+        from quadrig.io.viewer.setup.screen import RerunScreen
 
         try:
             if save is None:

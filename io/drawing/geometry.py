@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 
@@ -47,7 +46,6 @@ def bounds(rig: Rig) -> tuple[Floats, Floats]:
     return every.min(axis=0), every.max(axis=0)
 
 
-@lru_cache(maxsize=1)
 def extent(rig: Rig) -> float:
     """Diagonal of the bounds, m; at least a centimetre, so that things have a size."""
     low, high = bounds(rig)
@@ -61,7 +59,6 @@ def ellipsoid(covariance: Floats) -> tuple[Floats, Floats]:
     return np.sqrt(np.maximum(variances, 0)), axes
 
 
-@lru_cache(maxsize=1)
 def magnification(rig: Rig) -> float:
     """A round factor that shows the largest position ellipsoid at some 4 % of the rig's extent."""
     largest = max((ellipsoid(rig.pose_covariance(camera.name)[3:, 3:])[0].max() for camera in rig.cameras), default=0)

@@ -18,6 +18,11 @@ FOUND: Colour = (40, 160, 70)
 PREDICTED: Colour = (235, 106, 24)
 FAULT: Colour = (225, 45, 45)
 FINE: Colour = (120, 135, 150)
+# On the dark ground of a live session: what is said, what is wrong, what is done and where to hold the sheet.
+SAID: Colour = (235, 235, 235)
+WARNING: Colour = (255, 180, 60)
+DONE: Colour = (90, 220, 120)
+SHEET: Colour = (200, 190, 150)
 
 
 def camera_colours(names: Sequence[str]) -> dict[str, Colour]:

@@ -1,6 +1,6 @@
 """Figures of a rig that pictures share: outlines, arrows, edges, histograms."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -11,6 +11,8 @@ from quadrig.rig.doubt.disagreement import Disagreement
 from quadrig.rig.doubt.residual_field import ResidualField
 from quadrig.rig.result import Camera, Rig, ViewFit, placed_pose
 from quadrig.single.arrays import Floats
+from quadrig.single.rectangle import Rectangle
+from quadrig.single.view import View
 
 _SIDE_POINTS = 12
 # Residual arrows are drawn so much longer that a usual one is this share of the picture's width.
@@ -86,3 +88,18 @@ def residual_histogram(field: ResidualField) -> tuple[Floats, Floats]:
     top = max(3 * float(np.percentile(lengths, 90)), 1e-6) if len(lengths) else 1.0
     counts, edges = np.histogram(np.minimum(lengths, top), bins=_BINS, range=(0, top))
     return counts, edges
+
+
+def shared_counts(views: Sequence[View], rectangles: Mapping[str, Rectangle]) -> dict[tuple[str, str], int]:
+    """How many placed sheets each pair of cameras (in the order of names) has in common."""
+    seen: dict[tuple[str, int], set[str]] = {}
+    for view in views:
+        moving = view.rectangle in rectangles and rectangles[view.rectangle].moving
+        seen.setdefault((view.rectangle, view.frameset if moving else -1), set()).add(view.camera)
+    counts: dict[tuple[str, str], int] = {}
+    for cameras in seen.values():
+        names = sorted(cameras)
+        for k, first in enumerate(names):
+            for second in names[k + 1 :]:
+                counts[first, second] = counts.get((first, second), 0) + 1
+    return counts

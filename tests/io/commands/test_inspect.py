@@ -10,7 +10,7 @@ import pytest
 
 from quadrig.io.commands.main import run
 from quadrig.io.rig_file.rig_mcap import write_rig
-from quadrig.io.viewer.pictures import rig_pictures
+from quadrig.io.viewer.inspect.pictures import rig_pictures
 from quadrig.single.errors import QuadrigError
 
 

@@ -18,6 +18,7 @@ import pytest
 from quadrig.io.commands.main import run
 from quadrig.io.commands.setup import chosen_sources
 from quadrig.io.config.rig_toml import parse_config
+from quadrig.io.drawing.rig_figures import shared_counts
 from quadrig.io.live.capture.frame import Frame
 from quadrig.io.live.capture.source_spec import parse_source
 from quadrig.io.live.kept_views import encode_views, read_kept_views
@@ -29,9 +30,9 @@ from quadrig.io.live.solver import thinned
 from quadrig.io.live.state import SetupState
 from quadrig.io.recording.recorded_cameras import open_recording
 from quadrig.io.rig_file.rig_mcap import read_rig
-from quadrig.io.viewer.banner import banner
-from quadrig.io.viewer.live import RerunScreen, shared_counts
 from quadrig.io.viewer.process import Viewer
+from quadrig.io.viewer.setup.banner import banner
+from quadrig.io.viewer.setup.screen import RerunScreen
 from quadrig.single.detect.image_search import detect_views
 from quadrig.single.errors import QuadrigError
 from quadrig.single.lens import Intrinsics

@@ -1,21 +1,20 @@
 """How a rig is looked at: space and pictures on the left, verdict, graph and residuals on the right."""
 
-from typing import Any
-
 import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
 
 from quadrig.io.drawing.geometry import bounds, extent, first_eye, positions
 from quadrig.io.drawing.rig_figures import arrow_scale
 from quadrig.rig.result import Camera, Rig
+from quadrig.single.arrays import Floats
 
 # So much of a picture's size is seen around it: its frame stays in view.
 _MARGIN = 0.02
 
 
-def rig_blueprint(rig: Rig) -> Any:
-    """A rerun.blueprint.Blueprint for what rerun_rig.log_rig logs."""
-    import rerun.blueprint as rrb
-
+def rig_blueprint(rig: Rig) -> rrb.Blueprint:
+    """The blueprint for what log_rig logs."""
     pictures = [_picture(camera, f"space/cameras/{camera.name}", camera.name) for camera in rig.cameras]
     fields = [
         _picture(
@@ -58,20 +57,16 @@ def rig_blueprint(rig: Rig) -> Any:
     )
 
 
-def _picture(camera: Camera, origin: str, name: str) -> Any:
+def _picture(camera: Camera, origin: str, name: str) -> rrb.Spatial2DView:
     """A view of just what a camera sees, whatever reaches beyond."""
-    import rerun.blueprint as rrb
-
     lens = camera.intrinsics
     across, down = _MARGIN * lens.width, _MARGIN * lens.height
     bounds = rrb.VisualBounds2D(x_range=[-across, lens.width + across], y_range=[-down, lens.height + down])
     return rrb.Spatial2DView(origin=origin, name=name, visual_bounds=bounds)
 
 
-def space_view(rig: Rig) -> Any:
-    """The rig in space, seen from where rig_geometry.first_eye looks."""
-    import rerun.blueprint as rrb
-
+def space_view(rig: Rig) -> rrb.Spatial3DView:
+    """The rig in space, seen from where first_eye looks."""
     eye = first_eye(rig)
     hidden = [
         f"- space/cameras/{camera.name}/marks/{part}" for camera in rig.cameras for part in ("residuals", "names")
@@ -85,11 +80,8 @@ def space_view(rig: Rig) -> Any:
     )
 
 
-def _floor(rig: Rig, up: Any) -> Any:
+def _floor(rig: Rig, up: Floats) -> rrb.LineGrid3D:
     """A level grid under everything."""
-    import rerun as rr
-    import rerun.blueprint as rrb
-
     corners = np.concatenate([positions(rig), np.array(bounds(rig))])
     height = float((corners @ up).min())
     spacing = 10.0 ** np.round(np.log10(extent(rig) / 10))
@@ -103,5 +95,5 @@ def _floor(rig: Rig, up: Any) -> Any:
 
 
 def _columns(count: int) -> int:
-    """Columns of a grid in which wide pictures are as large as can be, in a place more than twice as wide as high."""
+    """Columns of a grid in which wide pictures are as large as can be, in a space more than twice as wide as high."""
     return max(round(float(np.sqrt(4 / 3 * count))), 1)

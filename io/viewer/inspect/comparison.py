@@ -1,24 +1,23 @@
 """Two rigs in one space in rerun: the first in colour, the second in grey, arrows from one to the other."""
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
 
 from quadrig.io.drawing.geometry import apart, extent, first_eye, positions, round_down
 from quadrig.io.drawing.palette import FAULT, STATIC, rig_colours
-from quadrig.io.viewer.rig import log_frustum, named_points
+from quadrig.io.viewer.inspect.blueprint import space_view
+from quadrig.io.viewer.inspect.space import log_frustum
+from quadrig.io.viewer.shapes import named_points
 from quadrig.rig.comparison import Comparison
 from quadrig.rig.result import Rig
 from quadrig.rig.words import length
 
 
-def comparison_blueprint(first: Rig) -> Any:
-    """A rerun.blueprint.Blueprint for what log_comparison logs."""
-    import rerun.blueprint as rrb
-
-    from quadrig.io.viewer.blueprint import space_view
-
+def comparison_blueprint(first: Rig) -> rrb.Blueprint:
+    """The blueprint for what log_comparison logs."""
     words = rrb.TextDocumentView(origin="summary", name="differences")
     return rrb.Blueprint(
         rrb.Vertical(space_view(first), words, row_shares=[3, 2]),
@@ -28,10 +27,10 @@ def comparison_blueprint(first: Rig) -> Any:
     )
 
 
-def log_comparison(recording: Any, first: Rig, second: Rig, found: Comparison, sentences: Sequence[str]) -> None:
+def log_comparison(
+    recording: rr.RecordingStream, first: Rig, second: Rig, found: Comparison, sentences: Sequence[str]
+) -> None:
     """Log both rigs, the second aligned, and the differences in words."""
-    import rerun as rr
-
     colours, size = rig_colours(first), extent(first)
     recording.log("space", rr.ViewCoordinates.RDF, static=True)
     for camera in first.cameras:
@@ -42,9 +41,9 @@ def log_comparison(recording: Any, first: Rig, second: Rig, found: Comparison, s
         pose = found.first_from_second @ camera.rig_from_camera
         log_frustum(recording, f"space/second/{camera.name}", camera, pose, STATIC, size)
     names = list(colours)
-    places = apart(first_eye(first), names, positions(first))
-    recording.log("space/names", named_points(names, places, list(colours.values())), static=True)
-    scale = _arrow_scale(first, found)
+    labels = apart(first_eye(first), names, positions(first))
+    recording.log("space/names", named_points(names, labels, list(colours.values())), static=True)
+    scale = _arrow_scale(size, found)
     origins = [first.camera(one.name).rig_from_camera.translation for one in found.cameras]
     vectors = [scale * one.step[3:] for one in found.cameras]
     arrows = rr.Arrows3D(origins=origins, vectors=vectors, colors=[FAULT], radii=0.004 * size)
@@ -53,11 +52,12 @@ def log_comparison(recording: Any, first: Rig, second: Rig, found: Comparison, s
     recording.log("summary", text, static=True)
 
 
-def _arrow_scale(rig: Rig, found: Comparison) -> float:
+def _arrow_scale(size: float, found: Comparison) -> float:
+    """How many times longer than they are shifts are drawn in a rig of that size, m; a round number."""
     longest = max((one.shift for one in found.cameras), default=0.0)
     if not longest > 0:
         return 1.0
-    return max(round_down(0.2 * extent(rig) / longest), 1.0)
+    return max(round_down(0.2 * size / longest), 1.0)
 
 
 def _markdown(found: Comparison, sentences: Sequence[str], scale: float) -> str:
@@ -67,6 +67,6 @@ def _markdown(found: Comparison, sentences: Sequence[str], scale: float) -> str:
         f"| {np.degrees(one.rotation):.4f} ± {np.degrees(one.rotation_sigma):.4f} | {one.sigmas:.1f} |"
         for one in found.cameras
     ]
-    head = ["| camera | focal px | position | turn degrees | sigmas |", "|---|---|---|---|---|"]
+    head = ["| camera | focal px | position | rotation degrees | sigmas |", "|---|---|---|---|---|"]
     note = f"First in colour, second grey; red arrows: shifts, drawn {scale:.0f} times longer."
     return "\n".join([f"## {sentences[0]}", "", *sentences[1:], "", *head, *rows, "", note])
