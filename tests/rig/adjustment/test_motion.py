@@ -1,0 +1,126 @@
+"""Motion between framesets: a parabola is followed exactly, and what cannot be told is not."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from quadrig.rig.adjustment.motion import LONGEST_GAP, Motion, motion
+from quadrig.rig.problem.build import build_problem
+from quadrig.rig.problem.camera_input import CameraInput
+from quadrig.single.pose import Pose
+from quadrig.single.rectangle import Rectangle
+from quadrig.single.view import View
+
+SHEET, WALL = Rectangle("sheet", 0.3, 0.2, moving=True), Rectangle("wall", 0.3, 0.2)
+NAMES = ("a", "b", "c", "d")
+VELOCITY, BEND = np.array([0.3, -0.2, 0.5]), np.array([0.4, 0.6, -0.8])
+
+
+def path(time):
+    """Where the sheet's middle is: a parabola."""
+    time = np.asarray(time)[..., None]
+    return time * VELOCITY + time**2 * BEND
+
+
+def recorded(framesets, seen=NAMES, lag=(0.0, 0.005, -0.003, 0.0), rate=20.0):
+    """Views of the sheet in these framesets, stamped some ms apart, and of a wall that the first two cameras see."""
+    views = [
+        View("sheet", SHEET.corners, SHEET.corners[:, :2], name, k, time=k / rate + lag[NAMES.index(name)])
+        for k in framesets
+        for name in seen
+    ]
+    views += [View("wall", WALL.corners, WALL.corners[:, :2], name, 0, time=0.0) for name in "ab"]
+    return build_problem([CameraInput(name, 640, 480) for name in NAMES], [SHEET, WALL], views)
+
+
+def when(problem, offsets):
+    """The mean of when the Views of each node (N,) were truly taken."""
+    true = np.array([view.time for view in problem.views]) + offsets[problem.camera]
+    return np.bincount(problem.node, true) / np.bincount(problem.node)
+
+
+def found(problem, offsets=None):
+    offsets = np.zeros(4) if offsets is None else offsets
+    poses = Pose(np.tile(np.eye(3), (len(problem.nodes), 1, 1)), path(when(problem, offsets)))
+    return poses, motion(problem, poses, offsets)
+
+
+@pytest.mark.parametrize("offsets", [np.zeros(4), np.array([0.0, 0.02, -0.03, 0.01])])
+def test_a_parabola_is_followed_to_where_each_view_was_taken(offsets):
+    """At both ends of a run too, where both neighbours lie on one side."""
+    problem = recorded([*range(5), *range(40, 45)])
+    poses, moved = found(problem, offsets)
+    assert moved is not None
+    step = moved.step(offsets[problem.camera])
+    moving = np.array([view.rectangle == "sheet" for view in problem.views])
+    true = np.array([view.time for view in problem.views]) + offsets[problem.camera]
+    seen = poses[problem.node].retract(step)
+    np.testing.assert_allclose(seen.translation[moving], path(true)[moving], atol=1e-12)
+    # What stands still stays.
+    np.testing.assert_array_equal(step[~moving], 0)
+
+
+def test_the_slope_is_the_derivative_of_the_step():
+    rng = np.random.default_rng(1)
+    moved = Motion(*rng.normal(size=(2, 7, 6)), rng.normal(size=7), np.ones(3, bool), np.ones(3, bool))
+    offset = rng.normal(size=7)
+    slope = (moved.step(offset + 1e-6) - moved.step(offset - 1e-6)) / 2e-6
+    np.testing.assert_allclose(moved.slope(offset), slope, atol=1e-8)
+
+
+def test_framesets_far_apart_say_nothing_of_each_other():
+    assert found(recorded(range(0, 100, 10)))[1] is None
+    near = 0.9 * LONGEST_GAP
+    assert found(recorded(range(8), rate=1 / near))[1] is not None
+    assert found(recorded(range(8), rate=1 / (1.1 * LONGEST_GAP)))[1] is None
+    # Two framesets make no parabola.
+    assert found(recorded([0, 1, 40, 41, 80, 81]))[1] is None
+
+
+def test_a_pose_that_one_camera_alone_saw_says_nothing_of_its_neighbours():
+    assert found(recorded(range(10), seen=("a",)))[1] is None
+
+
+def test_of_cameras_that_share_a_rectangle_one_holds_the_clock():
+    _, moved = found(recorded(range(8)))
+    assert moved is not None
+    assert moved.tells.tolist() == [True] * 4
+    assert moved.free.tolist() == [False, True, True, True]
+
+
+def test_a_camera_that_saw_little_motion_has_no_clock_of_its_own():
+    problem = recorded(range(8))
+    few = [v for v in problem.views if v.camera != "d" or v.frameset < 5]
+    _, moved = found(build_problem(problem.cameras, [SHEET, WALL], few))
+    assert moved is not None
+    assert moved.tells.tolist() == [True, True, True, False]
+    enough = [v for v in problem.views if v.camera != "d" or v.frameset < 6]
+    _, moved = found(build_problem(problem.cameras, [SHEET, WALL], enough))
+    assert moved is not None
+    assert moved.tells.all()
+
+
+def test_cameras_that_share_no_moving_rectangle_hold_a_clock_each():
+    """The wall that a and b see besides joins no clocks."""
+    first, second = recorded(range(8), seen=("a", "c")), recorded(range(40, 48), seen=("b", "d"))
+    problem = build_problem(first.cameras, [SHEET, WALL], [*first.views, *second.views])
+    _, moved = found(problem)
+    assert moved is not None
+    assert moved.free.tolist() == [False, False, True, True]
+
+
+def test_views_without_a_stamp_stay_where_their_frameset_is():
+    problem = recorded(range(8))
+    views = [
+        v if v.camera != "d" else View(v.rectangle, v.points, v.pixels, v.camera, v.frameset) for v in problem.views
+    ]
+    unstamped = build_problem(problem.cameras, [SHEET, WALL], views)
+    poses = Pose(np.tile(np.eye(3), (len(unstamped.nodes), 1, 1)), np.zeros((len(unstamped.nodes), 3)))
+    poses.translation[:, 0] = np.arange(len(unstamped.nodes))
+    moved = motion(unstamped, poses, np.zeros(4))
+    assert moved is not None
+    own = np.array([view.camera == "d" for view in unstamped.views])
+    np.testing.assert_array_equal(moved.step(np.zeros(len(own)))[own], 0)
+    assert np.isfinite(moved.step(np.zeros(len(own)))).all()
+    assert moved.tells.tolist() == [True, True, True, False]
