@@ -1,7 +1,5 @@
 """Motion between framesets: a parabola is followed exactly, and what cannot be told is not."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
