@@ -83,7 +83,7 @@ def test_a_pose_that_one_camera_alone_saw_says_nothing_of_its_neighbours():
 def test_of_cameras_that_share_a_rectangle_one_holds_the_clock():
     _, moved = found(recorded(range(8)))
     assert moved is not None
-    assert moved.tells.tolist() == [True] * 4
+    assert moved.observable.tolist() == [True] * 4
     assert moved.free.tolist() == [False, True, True, True]
 
 
@@ -92,11 +92,11 @@ def test_a_camera_that_saw_little_motion_has_no_clock_of_its_own():
     few = [v for v in problem.views if v.camera != "d" or v.frameset < 5]
     _, moved = found(build_problem(problem.cameras, [SHEET, WALL], few))
     assert moved is not None
-    assert moved.tells.tolist() == [True, True, True, False]
+    assert moved.observable.tolist() == [True, True, True, False]
     enough = [v for v in problem.views if v.camera != "d" or v.frameset < 6]
     _, moved = found(build_problem(problem.cameras, [SHEET, WALL], enough))
     assert moved is not None
-    assert moved.tells.all()
+    assert moved.observable.all()
 
 
 def test_cameras_that_share_no_moving_rectangle_hold_a_clock_each():
@@ -121,4 +121,4 @@ def test_views_without_a_stamp_stay_where_their_frameset_is():
     own = np.array([view.camera == "d" for view in unstamped.views])
     np.testing.assert_array_equal(moved.step(np.zeros(len(own)))[own], 0)
     assert np.isfinite(moved.step(np.zeros(len(own)))).all()
-    assert moved.tells.tolist() == [True, True, True, False]
+    assert moved.observable.tolist() == [True, True, True, False]

@@ -7,7 +7,7 @@ import pytest
 
 from quadrig.rig.problem.build import build_problem
 from quadrig.rig.problem.camera_input import CameraInput
-from quadrig.rig.start.lenses_and_poses import start
+from quadrig.rig.start.lenses_and_poses import first_cameras
 from quadrig.single.lens import Intrinsics, project
 
 
@@ -20,7 +20,7 @@ def test_a_camera_by_itself_knows_its_lens_nearly(simulated):
     focals, bends, noises = [], [], []
     for seed in range(1, 13):
         made = simulated.simulate(seed, simulated.Scene(cameras=3, framesets=20))
-        found = start(problem_of(made))
+        found = first_cameras(problem_of(made))
         focals.append(found.lens[:, 0] / made.lenses[:, 0] - 1)
         bends.append(found.lens[:, 3] - made.lenses[:, 3])
         noises.append(found.noise / made.noise)
@@ -50,7 +50,7 @@ def true_pose(made, view):
 
 def test_with_lenses_told_the_likeliest_candidates_are_the_poses(told):
     problem = problem_of(told)
-    found = start(problem)
+    found = first_cameras(problem)
     np.testing.assert_array_equal(found.lens, told.lenses)
     candidates = found.candidates
     first = np.searchsorted(candidates.view, np.arange(len(problem.views)))
@@ -68,7 +68,7 @@ def test_doubts_of_candidates_are_what_noise_does(simulated, told):
     rng = np.random.default_rng(1)
     views = [replace(v, pixels=v.pixels + rng.normal(0, 0.3, v.pixels.shape)) for v in told.views]
     problem = build_problem(told.inputs, told.rectangles, views)
-    found = start(problem)
+    found = first_cameras(problem)
     # Sixteen points a View leave much to its pose: what is left of the noise is told by a median.
     assert found.noise == pytest.approx(0.3, rel=0.2)
     squares = []
@@ -88,7 +88,7 @@ def test_each_reading_of_a_board_has_its_candidates(told):
     """Boards that look the same upside down: the pose that goes with each reading shows the same picture."""
     views = [replace(v, alternatives=(v.points * [-1, -1, 1],)) if v.rectangle == "sheet" else v for v in told.views]
     problem = build_problem(told.inputs, told.rectangles, views)
-    candidates = start(problem).candidates
+    candidates = first_cameras(problem).candidates
     for index, view in enumerate(problem.views):
         rows = np.flatnonzero((candidates.view == index) & (candidates.cost < 1))
         assert sorted(candidates.reading[rows]) == ([0, 1] if view.rectangle == "sheet" else [0])
@@ -103,7 +103,7 @@ def test_surveyed_rectangles_give_the_world(told):
         r if r.moving else replace(r, world_from_rect=told.world_from_rect[r.name]) for r in told.rectangles
     ]
     problem = build_problem(told.inputs, rectangles, told.views)
-    plain, surveyed = start(problem_of(told)).candidates, start(problem).candidates
+    plain, surveyed = first_cameras(problem_of(told)).candidates, first_cameras(problem).candidates
     tags = [index for index, view in enumerate(problem.views) if view.rectangle != "sheet"]
     assert tags
     for index in tags:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from quadrig.rig.start.motion_averaging import Relative, average
+from quadrig.rig.start.motion_averaging import RelativePose, average
 from quadrig.single.pose import Pose
 
 CAMERAS = 8
@@ -21,7 +21,7 @@ def apart(first, second):
 def relative(poses, left, right, step=None, sigma=0.01):
     """What is measured of two cameras: the truth, or a step away from it."""
     pose = poses[left] @ poses[right].inverse()
-    return Relative(left, right, pose if step is None else pose.retract(np.asarray(step)), 5, 5, sigma)
+    return RelativePose(left, right, pose if step is None else pose.retract(np.asarray(step)), 5, 5, sigma)
 
 
 @pytest.fixture
