@@ -1,14 +1,21 @@
 """The Rig: cameras and rectangles in one frame, how sure each is, and what the Views said."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+from html import escape
 
 import numpy as np
 
+from quadrig.rig.words import counted, length, with_sigma
 from quadrig.single.arrays import Floats, Ints, Mask
 from quadrig.single.lens import LENS_PARAMETERS, Intrinsics
 from quadrig.single.pose import Pose, compose_jacobians, inverse_jacobian
 from quadrig.single.rectangle import Rectangle
 from quadrig.single.view import View
+
+# More names than this are counted, so that a rig of hundreds still fits on a screen.
+_MOST_NAMED = 8
+_COLUMNS = ("camera", "focal px", "position m", "± mm", "rotation ± deg")
 
 CAMERA_PARAMETERS = len(LENS_PARAMETERS) + 6
 """Length of one camera's block in Rig.covariance: nine of the lens, then the step of rig_from_camera."""
@@ -99,6 +106,27 @@ class Rig:
     costs: tuple[float, ...] = ()
     dispersion: float = 1.0
 
+    def __repr__(self) -> str:
+        """A few lines: what it is good for, its cameras, its rectangles, and how well the Views agree."""
+        used, placed = [fit for fit in self.fits if not fit.rejected], [_described(each) for each in self.rectangles]
+        framesets = counted(len({fit.view.frameset for fit in used}), "frameset")
+        return "\n".join(
+            (
+                f"Rig in the frame of {self.reference}, working accuracy {length(self.working_accuracy)}",
+                f"  {counted(len(self.cameras), 'camera')}: {_named([camera.name for camera in self.cameras])}",
+                f"  {counted(len(self.rectangles), 'rectangle')}: {_named(placed)}",
+                f"  {framesets}, {len(used)} of {counted(len(self.fits), 'View')}, RMS {self.rms:.3f} px",
+            )
+        )
+
+    def _repr_html_(self) -> str:
+        """The same as a notebook shows it, with a row for each camera."""
+        headline, *lines = (escape(line.strip()) for line in repr(self).splitlines())
+        head = "".join(f"<th>{name}</th>" for name in _COLUMNS)
+        rows = ("".join(f"<td>{escape(cell)}</td>" for cell in _camera_row(self, camera)) for camera in self.cameras)
+        body = "".join(f"<tr>{row}</tr>" for row in rows)
+        return f"<p><b>{headline}</b><br>{'<br>'.join(lines)}</p><table><tr>{head}</tr>{body}</table>"
+
     def camera(self, name: str) -> Camera:
         """The camera of that name. Raises KeyError."""
         return self.cameras[self.camera_index(name)]
@@ -139,6 +167,27 @@ class Rig:
     def position_sigma(self, name: str) -> float:
         """Root of the summed variances of the camera's position, m."""
         return float(np.sqrt(np.trace(self.pose_covariance(name)[3:, 3:])))
+
+
+def _described(placed: PlacedRectangle) -> str:
+    many = len(placed.framesets)
+    return f"{placed.name} (moving, {counted(many, 'frameset')})" if many else placed.name
+
+
+def _named(names: Sequence[str]) -> str:
+    rest = len(names) - _MOST_NAMED
+    return ", ".join(names[:_MOST_NAMED]) + (f" and {rest} more" if rest > 0 else "")
+
+
+def _camera_row(rig: Rig, camera: Camera) -> tuple[str, ...]:
+    """Name, focal, position, both with their sigmas, and sigma of the rotation."""
+    return (
+        camera.name,
+        with_sigma(camera.intrinsics.focal, rig.focal_sigma(camera.name)),
+        " ".join(f"{value:.4f}" for value in camera.rig_from_camera.translation + 0.0),
+        f"{1e3 * rig.position_sigma(camera.name):.2f}",
+        f"{np.degrees(rig.rotation_sigma(camera.name)):.4f}",
+    )
 
 
 def placed_pose(rig: Rig, rectangle: str, frameset: int) -> Pose | None:

@@ -1,4 +1,4 @@
-"""Lengths in words, as people write and read them."""
+"""Figures in words, as people write and read them."""
 
 import re
 
@@ -27,3 +27,16 @@ def read_length(text: str, unit: str = "m") -> float:
     if match is None or (match[2] or unit) not in _METRES or not float(match[1]) > 0:
         raise QuadrigError(f"{text!r} is no length; give one such as 1mm, 80mm or 3in")
     return float(match[1]) * _METRES[match[2] or unit]
+
+
+def with_sigma(value: float, sigma: float) -> str:
+    """ "535.92 \u00b1 0.41": as many decimals as the sigma's second digit needs; "\u00b1 0" where it is given."""
+    if not (np.isfinite(sigma) and sigma > 0):
+        return f"{value:.2f} \u00b1 0"
+    decimals = int(np.clip(1 - np.floor(np.log10(sigma)), 0, 6))
+    return f"{value:.{decimals}f} \u00b1 {sigma:.{decimals}f}"
+
+
+def counted(number: int, word: str) -> str:
+    """ "1 View", "2 Views"."""
+    return f"{number} {word}" if number == 1 else f"{number} {word}s"

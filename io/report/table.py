@@ -8,7 +8,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from quadrig.rig.result import Camera, Rig
-from quadrig.rig.words import length
+from quadrig.rig.words import counted, length, with_sigma
 
 # In a file or a pipe no line is broken.
 _UNBROKEN = 200
@@ -38,8 +38,8 @@ def summary(rig: Rig) -> str:
     used = [fit for fit in rig.fits if not fit.rejected]
     framesets = len({fit.view.frameset for fit in used})
     return (
-        f"{_count(len(rig.cameras), 'camera')}, {_count(len(rig.rectangles), 'rectangle')}, "
-        f"{_count(framesets, 'frameset')}, {len(used)} of {_count(len(rig.fits), 'View')}; "
+        f"{counted(len(rig.cameras), 'camera')}, {counted(len(rig.rectangles), 'rectangle')}, "
+        f"{counted(framesets, 'frameset')}, {len(used)} of {counted(len(rig.fits), 'View')}; "
         f"RMS {rig.rms:.3f} px, on framesets held out of the fit {rig.held_out_rms:.3f} px; rig frame {rig.reference}"
     )
 
@@ -78,15 +78,3 @@ def lens_words(camera: Camera) -> str:
     short = " ".join(["c" if name == "cx" else name for name in names if name != "cy"])
     model = "" if camera.intrinsics.model == "pinhole" else f"{camera.intrinsics.model} "
     return model + (short or "given")
-
-
-def with_sigma(value: float, sigma: float) -> str:
-    """ "535.92 \u00b1 0.41": as many decimals as the sigma's second digit needs; "\u00b1 0" where it is given."""
-    if not (np.isfinite(sigma) and sigma > 0):
-        return f"{value:.2f} \u00b1 0"
-    decimals = int(np.clip(1 - np.floor(np.log10(sigma)), 0, 6))
-    return f"{value:.{decimals}f} \u00b1 {sigma:.{decimals}f}"
-
-
-def _count(number: int, word: str) -> str:
-    return f"{number} {word}" if number == 1 else f"{number} {word}s"

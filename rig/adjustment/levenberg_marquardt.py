@@ -21,7 +21,7 @@ from quadrig.rig.adjustment.schur import Reduced, eliminate, node_steps, solve_c
 from quadrig.rig.adjustment.slack import EliminatedSlack, SlackPrior, eliminate_slack, slack_steps
 from quadrig.rig.problem.observations import Observations
 from quadrig.single.arrays import Floats, Ints, Mask
-from quadrig.single.solve.damping import MOST_DAMPING, UNSOLVABLE, Damping, gain
+from quadrig.single.damping import MOST_DAMPING, UNSOLVABLE, Damping, gain
 
 # A step that is expected to lower chi-square by less than this moves every parameter by less than a thousandth
 # of its own sigma: nothing that a result prints can change.

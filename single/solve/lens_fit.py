@@ -6,11 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from quadrig.single.arrays import Floats, Ints, Mask
+from quadrig.single.damping import MOST_DAMPING, Damping, gain
 from quadrig.single.errors import QuadrigError
 from quadrig.single.lens import LENS_PARAMETERS, Intrinsics, project_with_derivatives
 from quadrig.single.pose import Pose
 from quadrig.single.rotation import cross_matrix
-from quadrig.single.solve.damping import MOST_DAMPING, Damping, gain
 
 _MOST_STEPS = 100
 # A step that promises less than this (in units of sigma^2) moves the answer by a ten-thousandth of its own sigma.

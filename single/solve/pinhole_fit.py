@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quadrig.single.arrays import Floats, Mask
+from quadrig.single.damping import MOST_DAMPING, Damping, gain
 from quadrig.single.pose import Pose
 from quadrig.single.solve import batched_cholesky as triangular
-from quadrig.single.solve.damping import MOST_DAMPING, Damping, gain
 from quadrig.single.solve.pinhole_model import (
     BLOCK,
     Problem,

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from quadrig.single.solve.damping import UNSOLVABLE, Damping, gain
+from quadrig.single.damping import UNSOLVABLE, Damping, gain
 
 
 @pytest.mark.parametrize(
