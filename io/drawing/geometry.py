@@ -40,8 +40,8 @@ def positions(rig: Rig) -> Floats:
 
 def bounds(rig: Rig) -> tuple[Floats, Floats]:
     """Lowest and highest coordinates (3,) of cameras and rectangles."""
-    places = [positions(rig), *(outlines(placed).reshape(-1, 3) for placed in rig.rectangles)]
-    every = np.concatenate(places)
+    points = [positions(rig), *(outlines(placed).reshape(-1, 3) for placed in rig.rectangles)]
+    every = np.concatenate(points)
     every = every[np.isfinite(every).all(axis=1)]
     return every.min(axis=0), every.max(axis=0)
 
@@ -115,20 +115,20 @@ _LETTER, _MARGIN, _LINE = 0.019, 0.045, 0.06
 
 
 def apart(eye: Eye, names: Sequence[str], anchors: Floats) -> Floats:
-    """Places (N, 3) for names at anchors (N, 3): each stays or goes up until it is clear of those before it."""
+    """Where names at anchors (N, 3) are put, (N, 3): each stays or goes up until it is clear of those before it."""
     looks = eye.look(anchors)
     rise = rises(looks[:, :2], names, _LETTER, _MARGIN, _LINE)
     return (anchors + (rise * looks[:, 2])[:, None] * eye.up).reshape(-1, 3)
 
 
-def rises(places: Floats, names: Sequence[str], letter: float, margin: float, line: float) -> Floats:
-    """How far up (N,) each name goes from its place (N, 2), y upwards, to be clear of those before it.
+def rises(anchors: Floats, names: Sequence[str], letter: float, margin: float, line: float) -> Floats:
+    """How far up (N,) each name goes from its anchor (N, 2), y upwards, to be clear of those before it.
 
-    letter: width of a letter; margin: of the rest; line: height of a name; all in the units of the places.
+    letter: width of a letter; margin: of the rest; line: height of a name; all in the units of the anchors.
     """
     taken: list[tuple[float, float, float]] = []
     found = np.zeros(len(names))
-    for index, (name, (x, y)) in enumerate(zip(names, places, strict=True)):
+    for index, (name, (x, y)) in enumerate(zip(names, anchors, strict=True)):
         half = (letter * len(name) + margin) / 2
         while any(abs(x - u) < half + w and abs(y + found[index] - v) < line for u, v, w in taken):
             found[index] += line / 2

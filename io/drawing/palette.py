@@ -6,7 +6,7 @@ from quadrig.rig.result import Rig
 
 Colour = tuple[int, int, int]
 
-# Told apart by eye and by most who see few colours (after Okabe and Ito).
+# Distinguished by eye and by most who see few colours (after Okabe and Ito).
 _CAMERAS: tuple[Colour, ...] = (
     (205, 125, 0), (40, 145, 205), (0, 158, 115), (200, 95, 155), (213, 94, 0), (0, 114, 178), (145, 135, 20),
     (150, 110, 220),
@@ -26,7 +26,7 @@ SHEET: Colour = (200, 190, 150)
 
 
 def camera_colours(names: Sequence[str]) -> dict[str, Colour]:
-    """A colour for each camera by its place in the rig; beyond the palette's end darker rounds of it."""
+    """A colour for each camera by its number in the rig; beyond the palette's end darker rounds of it."""
     return {name: _round(index) for index, name in enumerate(names)}
 
 

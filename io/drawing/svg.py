@@ -48,8 +48,8 @@ class Plot:
             self.x, self.y = _grown(self.x, unit * inner[0]), _grown(self.y, unit * needed)
             self.height = round(needed) + _TOP + _BOTTOM
 
-    def place(self, points: Floats) -> Floats:
-        """Places (..., 2) in the picture of points (..., 2) in data coordinates."""
+    def to_picture(self, points: Floats) -> Floats:
+        """Positions (..., 2) in the picture of points (..., 2) in data coordinates."""
         points = np.asarray(points, float)
         across = (points[..., 0] - self.x[0]) / (self.x[1] - self.x[0])
         up = (points[..., 1] - self.y[0]) / (self.y[1] - self.y[0])
@@ -60,27 +60,27 @@ class Plot:
     def line(self, points: Floats, colour: str, width: float = 1.5, closed: bool = False, fill: str = "none") -> None:
         """A line through points (N, 2)."""
         shape = "polygon" if closed else "polyline"
-        places = " ".join(f"{x:.1f},{y:.1f}" for x, y in self.place(points))
+        corners = " ".join(f"{x:.1f},{y:.1f}" for x, y in self.to_picture(points))
         self.parts.append(
-            f'<{shape} points="{places}" fill="{fill}" stroke="{colour}" stroke-width="{width:.1f}" '
+            f'<{shape} points="{corners}" fill="{fill}" stroke="{colour}" stroke-width="{width:.1f}" '
             'stroke-linejoin="round"/>'
         )
 
     def segments(self, starts: Floats, ends: Floats, colour: str, width: float = 0.8) -> None:
         """Many short lines from starts (N, 2) to ends (N, 2), as one path."""
-        pairs = zip(self.place(starts), self.place(ends), strict=True)
+        pairs = zip(self.to_picture(starts), self.to_picture(ends), strict=True)
         path = "".join(f"M{a[0]:.1f} {a[1]:.1f}L{b[0]:.1f} {b[1]:.1f}" for a, b in pairs)
         self.parts.append(f'<path d="{path}" stroke="{colour}" stroke-width="{width}" fill="none"/>')
 
     def dots(self, points: Floats, colour: str, radius: float = 3) -> None:
         """Round marks at points (N, 2)."""
         self.parts += [
-            f'<circle cx="{x:.1f}" cy="{y:.1f}" r="{radius}" fill="{colour}"/>' for x, y in self.place(points)
+            f'<circle cx="{x:.1f}" cy="{y:.1f}" r="{radius}" fill="{colour}"/>' for x, y in self.to_picture(points)
         ]
 
     def box(self, low: Sequence[float], high: Sequence[float], colour: str, opacity: float = 1.0) -> None:
         """A filled box between two corners."""
-        (x0, y0), (x1, y1) = self.place(np.array([low, high], float))
+        (x0, y0), (x1, y1) = self.to_picture(np.array([low, high], float))
         self.parts.append(
             f'<rect x="{min(x0, x1):.1f}" y="{min(y0, y1):.1f}" width="{abs(x1 - x0):.1f}" '
             f'height="{abs(y1 - y0):.1f}" fill="{colour}" fill-opacity="{opacity:.2f}"/>'
@@ -90,7 +90,7 @@ class Plot:
         self, point: Sequence[float] | Floats, words: str, colour: str = "currentColor", anchor: str = "middle"
     ) -> None:
         """Words at a point, a little above it and before all marks; higher where other words stand already."""
-        x, y = self.place(np.asarray(point, float))
+        x, y = self.to_picture(np.asarray(point, float))
         half = _LETTER * len(words) / 2
         middle = x + {"start": half, "middle": 0.0, "end": -half}[anchor]
         while any(abs(middle - m) < half + h and abs(y - other) < _LINE for m, h, other in self.words):
@@ -125,7 +125,7 @@ class Plot:
         low, high = (self.x, self.y)[axis]
         marks = []
         for value in round_values(low, high):
-            x, y = self.place(np.array([value, self.y[0]] if axis == 0 else [self.x[0], value]))
+            x, y = self.to_picture(np.array([value, self.y[0]] if axis == 0 else [self.x[0], value]))
             if axis == 0:
                 marks.append(f'<text x="{x:.1f}" y="{self.height - 17}" text-anchor="middle">{value:g}</text>')
             else:

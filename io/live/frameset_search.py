@@ -36,5 +36,5 @@ class FramesetSearch:
         try:
             return self._search.search(frame, frameset)
         except QuadrigError:
-            # A damaged frame is one frame lost; the source's own state tells when it goes on.
+            # A damaged frame is one frame lost; the source's own state says when it goes on.
             return None

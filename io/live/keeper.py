@@ -1,4 +1,4 @@
-"""Keeping the few framesets of a live stream that tell something new: their corners fitted, their faults named."""
+"""Keeping the few framesets of a live stream that show something new: their corners fitted, their faults named."""
 
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -48,7 +48,7 @@ class Keeper:
         self._places = Places()
         self._before: tuple[int, dict[Key, Floats]] = (0, {})
         self._pending: tuple[int, int, dict[Key, Floats], list[Future]] | None = None
-        # s, of the frames' own clock: files that are played quicker than they were taken tell the same story.
+        # s, of the frames' own clock: files that are played quicker than they were taken are judged alike.
         self._now: float | None = None
         self._kept_at = self._news_at = 0.0
         self._following = 0
@@ -89,7 +89,7 @@ class Keeper:
     ) -> set[Key]:
         """What of a frameset is worth keeping: what is new, and how a moving sheet goes on from there."""
         if fresh:
-            # A static sheet seen again from where it was seen tells nothing; a moving one is wanted from all.
+            # A static sheet seen again from where it was seen adds nothing; a moving one is wanted from all.
             shown = moving & {name for _, name in fresh}
             return fresh | {key for key in outlines if key[1] in shown}
         since = (self._now or 0.0) - self._kept_at

@@ -2,7 +2,7 @@
 
 One quick pass over a 1280x720 frame finds nearly all tags that a thorough search finds, at a fifth of its cost; over
 the same frame at half its size, at a tenth, those that are not too small. So the cameras take turns with the thorough
-search, which tells what size will do for the next frames. The corners are fitted to a fraction of a pixel only by
+search, which shows what size will do for the next frames. The corners are fitted to a fraction of a pixel only by
 `refine`.
 """
 
@@ -30,7 +30,7 @@ _REACH, _LEAST_REACH = 0.45, 24
 
 # Standard deviation (px) of a tag's corners before they are fitted.
 _ROUGH_SIGMA = 1.0
-# Fewest tags of a board by which it is told from somebody else's.
+# Fewest tags of a board that distinguish it from somebody else's.
 _LEAST_BOARD_TAGS = 2
 # The order of Eq. 4 from OpenCV's (top left, top right, bottom right, bottom left).
 _EQ4_FROM_OPENCV = [2, 3, 0, 1]

@@ -7,7 +7,7 @@ from quadrig.io.live.plan import SetupPlan
 from quadrig.io.live.solver import LiveSolution, LiveSolver, SolveRequest
 from quadrig.rig.result import Rig
 
-# Solutions take turns with rests of the same length, so that the search keeps its share of the processor.
+# Solutions alternate with rests of the same length, so that the search keeps its share of the processor.
 _REST = 1.0
 # Solutions in a row, each with new framesets, that must be as accurate as asked. The truth is as near after the first
 # as after the second (benchmarks/stopping.py), but two or three framesets cover a corner of the room, in which a rig

@@ -66,18 +66,18 @@ def _cameras(state: SetupState):
     from rich.table import Table
 
     table = Table(box=None, pad_edge=False)
-    for name in ("camera", "frames/s", "sees now", "views kept", "focal", "place"):
+    for name in ("camera", "frames/s", "sees now", "views kept", "focal", "position"):
         table.add_column(name, justify="left" if name in ("camera", "sees now") else "right")
     placed = {camera.name for camera in state.rig.cameras} if state.rig else set()
     for source in state.sources:
         sees = ", ".join(view.rectangle for view in state.views if view.camera == source.name)
         kept = sum(view.camera == source.name for view in state.kept_views)
-        focal = place = "-"
+        focal = position = "-"
         if state.rig is not None and source.name in placed:
             camera = state.rig.camera(source.name)
             focal = f"{camera.intrinsics.focal:.0f} ± {state.rig.focal_sigma(source.name):.1f} px"
             sigma = state.rig.position_sigma(source.name)
-            place = f"± {length(sigma)}" if sigma > 0 else "the reference"
+            position = f"± {length(sigma)}" if sigma > 0 else "the reference"
         pace = f"{source.rate:.0f}" if source.condition in ("running", "ended") else source.condition
-        table.add_row(source.name, pace, sees or "-", str(kept), focal, place)
+        table.add_row(source.name, pace, sees or "-", str(kept), focal, position)
     return table

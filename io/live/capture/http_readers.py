@@ -42,7 +42,7 @@ class _MultipartReader:
         self._response.close()
 
     def _head_of_part(self) -> int:
-        """Content-Length of the next part, 0 where it is not told."""
+        """Content-Length of the next part, 0 where it is not given."""
         length, inside = 0, False
         while True:
             line = self._take_past(b"\n").strip()
