@@ -18,6 +18,7 @@ from quadrig.io.live.plan import SetupPlan, SetupResult
 from quadrig.io.live.session import run_setup
 from quadrig.io.rig_file.rig_mcap import write_rig
 from quadrig.rig.coach.advice import good_for
+from quadrig.rig.doubt.weaknesses import clocks_apart
 from quadrig.rig.words import length, read_length
 from quadrig.single.errors import QuadrigError
 
@@ -199,7 +200,7 @@ def _as_text(result: SetupResult, output: Path, plan: SetupPlan) -> str:
             f"{camera.name}: focal {camera.intrinsics.focal:.1f} ± {rig.focal_sigma(camera.name):.1f} px, "
             f"{position}, {camera.views} Views, rms {camera.rms:.2f} px"
         )
-    lines += list(_missing(result, plan).values())
+    lines += [*clocks_apart(rig), *_missing(result, plan).values()]
     if result.fault is not None:
         lines.append(result.fault.sentence)
     if result.dropped:

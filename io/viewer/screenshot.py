@@ -24,7 +24,11 @@ def take_screenshot(send: Callable[[str], None], png: Path) -> None:
     """
     with written_beside(png) as beside, ends_with_us(_headless()) as viewer:
         client = _connect(viewer)
-        send(viewer.address)
+        try:
+            send(viewer.address)
+        except RuntimeError:
+            # A viewer that listens and then finds nothing to draw with breaks off while it is sent to.
+            raise QuadrigError(_CANNOT) from None
         _settle(client, beside)
 
 

@@ -39,7 +39,7 @@ def weaknesses(rig: Rig) -> tuple[str, ...]:
             f"fifths of the recording disagree {np.sqrt(rig.dispersion):.1f} times as much as noise explains, and "
             "all sigmas are widened by that: look for clocks out of step, a bent board, a lens that moved"
         )
-    return (*sentences, *_covered(rig), *_clocks(rig), *_rejected(rig.fits))
+    return (*sentences, *_covered(rig), *clocks_apart(rig), *_rejected(rig.fits))
 
 
 def _of_camera(rig: Rig, camera: Camera) -> list[str]:
@@ -68,8 +68,11 @@ def _covered(rig: Rig) -> list[str]:
     return [f"corners covered little of the pictures, {_listed(shares)}; a lens is a guess in the rest"]
 
 
-def _clocks(rig: Rig) -> list[str]:
-    """Clocks against that of the camera that agrees with most others; only differences can be known."""
+def clocks_apart(rig: Rig) -> list[str]:
+    """Which clocks disagree, in a sentence, [] where none do.
+
+    Against the clock of the camera that agrees with most others, for only differences of clocks can be known.
+    """
     known = [camera for camera in rig.cameras if camera.clock_offset]
     if not known:
         return []

@@ -91,13 +91,13 @@ def test_ticks_are_round_and_inside(low, high):
 
 def test_points_land_where_their_coordinates_say():
     plot = Plot((0, 10), (0, 5), 200, 100)
-    low, high = plot.place(np.array([[0, 0], [10, 5]]))
+    low, high = plot.to_picture(np.array([[0, 0], [10, 5]]))
     assert low[0] < high[0]
     assert low[1] > high[1]
     down = Plot((0, 10), (0, 5), 200, 100, down=True)
-    assert down.place(np.array([0, 0]))[1] < down.place(np.array([0, 5]))[1]
+    assert down.to_picture(np.array([0, 0]))[1] < down.to_picture(np.array([0, 5]))[1]
     equal = Plot((0, 10), (0, 1), 300, 300, equal=True)
-    right, up = equal.place(np.array([[1, 0], [0, 1]])) - equal.place(np.array([0, 0]))
+    right, up = equal.to_picture(np.array([[1, 0], [0, 1]])) - equal.to_picture(np.array([0, 0]))
     assert abs(right[0]) == pytest.approx(abs(up[1]), rel=0.05)
 
 
