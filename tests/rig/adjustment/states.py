@@ -1,0 +1,72 @@
+"""States of the joint adjustment made from simulated rigs, and its normal equations laid out as one matrix."""
+
+import numpy as np
+
+from quadrig.rig.adjustment.levenberg_marquardt import FreeParameters
+from quadrig.rig.adjustment.normal_equations import State, linearise
+from quadrig.rig.problem.build import build_problem
+from quadrig.single.pose import Pose
+
+EVERY_LENS = np.arange(9)
+
+
+def problem_of(made):
+    return build_problem(made.inputs, made.rectangles, made.views)
+
+
+def true_state(made, problem):
+    """The truth, the world being the rig frame."""
+    order = [made.index(camera.name) for camera in problem.cameras]
+    poses = [
+        made.world_from_rect[node.rectangle]
+        if node.frameset < 0
+        else made.world_from_rect[node.rectangle][node.frameset]
+        for node in problem.nodes
+    ]
+    nodes = Pose(np.stack([p.rotation for p in poses]), np.stack([p.translation for p in poses]))
+    return State(made.lenses[order], made.world_from_camera.inverse()[np.array(order)], nodes)
+
+
+def shaken(state, rng, size=1e-3):
+    cameras, nodes = len(state.lens), len(state.rig_from_rect.translation)
+    lens = rng.normal(size=(cameras, 9)) * [5, 2, 2, 0.01, 0.005, 1e-3, 1e-3, 0.002, 1e-3]
+    return state.moved(lens, size * rng.normal(size=(cameras, 6)), size * rng.normal(size=(nodes, 6)))
+
+
+def full_system(normal, tables):
+    """The normal equations before any elimination."""
+    cameras, size = normal.camera_gradient.shape
+    nodes = len(normal.node_gradient)
+    total = cameras * size + 6 * nodes
+    matrix = np.zeros((total, total))
+    for c in range(cameras):
+        matrix[c * size : (c + 1) * size, c * size : (c + 1) * size] = normal.cameras[c]
+    for n in range(nodes):
+        place = cameras * size + 6 * n
+        matrix[place : place + 6, place : place + 6] = normal.nodes[n]
+    for pair, (n, c) in enumerate(zip(tables.pair_node, tables.pair_camera, strict=True)):
+        rows, columns = slice(c * size, (c + 1) * size), slice(cameras * size + 6 * n, cameras * size + 6 * n + 6)
+        matrix[rows, columns] = normal.pairs[pair]
+        matrix[columns, rows] = normal.pairs[pair].T
+    return matrix, np.concatenate([normal.camera_gradient.ravel(), normal.node_gradient.ravel()])
+
+
+def open_freedom(observations, state, slack=None):
+    cameras = len(state.lens)
+    lens = np.zeros((cameras, 9), bool)
+    lens[:, :5] = True
+    information = np.zeros((cameras, 9))
+    information[:, 1:3] = 1 / 20.0**2
+    return FreeParameters(
+        lens, np.arange(cameras) > 0, np.ones(observations.nodes, bool), state.lens.copy(), information,
+        slack=slack,
+    )  # fmt: skip
+
+
+def whole_cost(observations, state, free, noise):
+    cost = linearise(observations, state, EVERY_LENS, noise).cost
+    cost += (free.prior_information * free.lens * (state.lens - free.prior_mean) ** 2).sum()
+    if state.slack is not None:
+        held = np.where(free.slack.loose[:, None], free.slack.information, 0)
+        cost += (held * state.slack**2).sum()
+    return cost
