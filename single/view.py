@@ -14,6 +14,8 @@ class View:
     (a chessboard turned by 180 degrees, a blank sheet) the pixels stay and the points change places.
     frameset: index of the instant; sigma: standard deviation of a pixel coordinate, px, as far as known beforehand.
     time: when the image was taken by its camera's clock, s; nan where unknown.
+    common (P, 2): px by which one standard deviation of an error that all pixels share moves each of them (a camera's
+    tone curve makes a tag look larger), beside sigma, which is each pixel's own; None where there is none.
     """
 
     rectangle: str
@@ -24,6 +26,7 @@ class View:
     alternatives: tuple[Floats, ...] = ()
     sigma: float = 1.0
     time: float = float("nan")
+    common: Floats | None = None
 
     @property
     def readings(self) -> tuple[Floats, ...]:

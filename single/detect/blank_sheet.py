@@ -1,11 +1,14 @@
 """A blank sheet, lighter or darker than what it lies on: its four corners from its four edges."""
 
+from dataclasses import dataclass
+
 import cv2
 import numpy as np
 
 from quadrig.single.arrays import Floats, Ints, Picture
 from quadrig.single.detect.edge_fit import fit_outline
 from quadrig.single.detect.pictures import reduced
+from quadrig.single.detect.tone import USUAL_TONE, LightImage
 from quadrig.single.lens import image_middle
 from quadrig.single.rectangle import Rectangle
 from quadrig.single.view import View
@@ -16,6 +19,8 @@ _SEARCH_SIDE = 640
 _LEAST_AREA = 0.004
 # Grey levels from sheet to ground.
 _LEAST_CONTRAST = 15.0
+# px to either side of an edge that the first and the last fit look at, or three blurs where that is more.
+_WIDE, _CLOSE = 8.0, 5.0
 # rms of what the blurred straight edge leaves unexplained beside it, as share of the contrast.
 _UNEXPLAINED = 0.25
 # Standard deviation of grey within the sheet, as share of the contrast: a blank sheet bears no print.
@@ -36,11 +41,11 @@ def detect_plain(grey: Picture, rectangle: Rectangle) -> View | None:
     """
     quads = _candidates(grey)
     fitted = [fit for fit in (_fit(grey, quad) for quad in quads) if fit is not None]
-    fitted.sort(key=lambda item: -cv2.contourArea(item[0].astype(np.float32)))
+    fitted.sort(key=lambda sheet: -cv2.contourArea(sheet.corners.astype(np.float32)))
     best = _undisputed(fitted)
     if best is None:
         return None
-    corners, sigma = best
+    corners = best.corners
     orders = _possible(rectangle, corners, _readings(corners), grey.shape)
     points = rectangle.corners
     return View(
@@ -48,7 +53,8 @@ def detect_plain(grey: Picture, rectangle: Rectangle) -> View | None:
         points,
         corners[orders[0]],
         alternatives=tuple(points[np.argsort(order)][orders[0]] for order in orders[1:]),
-        sigma=float(np.hypot(sigma, _MODEL_SIGMA)),
+        sigma=float(np.hypot(best.sigma, _MODEL_SIGMA)),
+        common=best.common[orders[0]],
     )
 
 
@@ -83,23 +89,39 @@ def _quad(contour: Ints, shape: tuple[int, ...]) -> Floats | None:
     return polygon if turn > 0 else polygon[::-1].copy()
 
 
-def _fit(grey: Picture, quad: Floats) -> tuple[Floats, float] | None:
-    corners = quad[None]
+@dataclass(frozen=True, eq=False)
+class _Sheet:
+    """A sheet found: corners (4, 2) px, sigma px, and the error (4, 2) px that all corners share."""
+
+    corners: Floats
+    sigma: float
+    common: Floats
+
+
+def _fit(grey: Picture, quad: Floats) -> _Sheet | None:
+    corners, tone = quad[None], USUAL_TONE
     span = np.linalg.norm(np.roll(quad, -1, axis=0) - quad, axis=1).min()
     # First wide, since the search was coarse, then close to the edge, where the ground's texture counts less.
-    for reach in (min(8.0, 0.2 * span), min(5.0, 0.2 * span)):
-        corners, sigma, fit = fit_outline(grey, corners, np.full((1, 4), reach))
+    blur = 0.0
+    for wide in (_WIDE, _CLOSE, _CLOSE):
+        reach = min(max(wide, 3 * blur), 0.2 * span)
+        outline = fit_outline(LightImage(grey, tone), corners, np.full((1, 4), reach))
+        blur = float(np.median(outline.fit.blur))
+        told = tone.told(outline.fit.pull.sum(), outline.fit.weight.sum())
+        corners = outline.corners + outline.by_gamma * np.log(told.gamma / tone.gamma)
+        tone = told
         if not np.isfinite(corners).all() or np.abs(corners[0] - quad).max() > 0.1 * span + 4:
             return None
     if (corners < 3).any() or (corners > np.array(grey.shape[::-1]) - 4).any():
         # What the image's own edge cuts off has no corner there.
         return None
-    contrast = fit.contrast
-    if np.abs(contrast).min() < _LEAST_CONTRAST or len(set(np.sign(contrast))) > 1:
+    fit = outline.fit
+    contrast = float(np.abs(fit.grey_contrast).min())
+    if contrast < _LEAST_CONTRAST or len(set(np.sign(fit.contrast))) > 1:
         return None
-    if np.any(fit.noise > _UNEXPLAINED * np.abs(contrast)) or not _blank(grey, corners[0], np.abs(contrast).min()):
+    if np.any(fit.noise > _UNEXPLAINED * np.abs(fit.contrast)) or not _blank(grey, corners[0], contrast):
         return None
-    return corners[0], float(np.sqrt(np.mean(sigma**2)))
+    return _Sheet(corners[0], float(np.sqrt(np.mean(outline.sigma**2))), tone.sigma * outline.by_gamma[0])
 
 
 def _blank(grey: Picture, corners: Floats, contrast: float) -> bool:
@@ -117,12 +139,12 @@ def _blank(grey: Picture, corners: Floats, contrast: float) -> bool:
     return float(np.std(left)) < _PRINT * contrast
 
 
-def _undisputed(fitted: list[tuple[Floats, float]]) -> tuple[Floats, float] | None:
+def _undisputed(fitted: list[_Sheet]) -> _Sheet | None:
     if not fitted:
         return None
-    largest = fitted[0][0].astype(np.float32)
+    largest = fitted[0].corners.astype(np.float32)
     area = cv2.contourArea(largest)
-    for other, _ in fitted[1:]:
+    for other in (sheet.corners for sheet in fitted[1:]):
         apart = cv2.pointPolygonTest(largest, tuple(other.mean(axis=0).tolist()), measureDist=False) < 0
         if apart and cv2.contourArea(other.astype(np.float32)) > _RIVAL * area:
             return None

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from quadrig.single.arrays import Floats, Ints, Mask, Picture, Singles
+from quadrig.single.arrays import Floats, Mask, Singles
 
 # Blur (px) that lenses and demosaicing leave, as logarithm with its spread: only where one row of pixels says
 # nothing of the blur (an edge along a pixel row) does this prior decide.
@@ -19,6 +19,8 @@ _SETTLED = 3e-3
 _BLUR_SETTLED = 0.05
 # Grey levels of noise below which residuals are those of the model: rounding to whole levels alone leaves 0.29.
 LEAST_NOISE = 0.3
+# Least share of one side's variance that the other has.
+_UNEQUAL = 0.05
 
 
 def soft_step(distance: Singles, blur: Singles) -> tuple[Singles, Singles, Singles]:
@@ -28,25 +30,18 @@ def soft_step(distance: Singles, blur: Singles) -> tuple[Singles, Singles, Singl
     if np.min(blur, initial=np.inf) > _PIXEL_IS_SMALL:
         wide: Singles = np.sqrt(blur * blur + np.float32(1 / 12))
         scaled = distance / wide
-        slope: Singles = _bell(scaled) / wide
+        slope: Singles = bell(scaled) / wide
         share: Singles = blur / wide
         return ndtr(scaled), slope, -scaled * slope * share
     upper, lower = (distance + 0.5) / blur, (distance - 0.5) / blur
     cdf_upper, cdf_lower = ndtr(upper), ndtr(lower)
-    pdf_upper, pdf_lower = _bell(upper), _bell(lower)
+    pdf_upper, pdf_lower = bell(upper), bell(lower)
     value = blur * (upper * cdf_upper + pdf_upper - lower * cdf_lower - pdf_lower)
     return value, cdf_upper - cdf_lower, pdf_upper - pdf_lower
 
 
-def _bell(x: Singles) -> Singles:
+def bell(x: Singles) -> Singles:
     return np.exp(-0.5 * x * x) * np.float32(0.3989422804014327)
-
-
-def grey_at(image: Picture, columns: Ints, rows: Ints) -> tuple[Singles, Mask]:
-    """Grey values at whole pixels, and which of them lie in the image."""
-    height, width = image.shape
-    inside = (columns >= 0) & (rows >= 0) & (columns < width) & (rows < height)
-    return image[np.clip(rows, 0, height - 1), np.clip(columns, 0, width - 1)].astype(np.float32), inside
 
 
 def damped_step(
@@ -63,6 +58,27 @@ def damped_step(
     gradient = (weighted @ residual[..., None])[..., 0] + prior * pull
     inverse = np.linalg.pinv(normal, hermitian=True) if not np.isfinite(normal).all() else np.linalg.inv(normal)
     return (inverse @ gradient[..., None])[..., 0], inverse
+
+
+def variance_of_sides(residual: Singles, share: Singles, weight: Singles, least: Floats, unknowns: int) -> Singles:
+    """Variance (N, P) of light that runs from one side's to the other's with the share (N, P) of the other, 0 to 1.
+
+    Ground with a grain, ink that a curve makes noisy: the two sides of an edge are seldom equally sure. least (N, 2):
+    standard deviation of either that rounding alone leaves. residual, weight (N, P); unknowns: of the fit.
+    """
+    share = np.clip(share, 0, 1)
+    used = np.sum(weight, axis=1)
+    # What the fit has taken away of the residuals.
+    lost = used / np.maximum(used - unknowns, 1)
+    weighted, sides = weight * residual * residual, []
+    for k, part in enumerate((1 - share, share)):
+        part *= part
+        mean = np.sum(part * weighted, axis=1) / np.maximum(np.sum(part * weight, axis=1), 1e-9)
+        sides.append((np.sqrt(mean * lost) + least[:, k]) ** 2)
+    low, high = (side[:, None].astype(np.float32) for side in sides)
+    # A side of no noise at all would leave nothing to the other.
+    low, high = np.maximum(low, _UNEQUAL * high), np.maximum(high, _UNEQUAL * low)
+    return low + share * (high - low)
 
 
 def settled(places: Floats, log_blur: Floats) -> Mask:

@@ -4,6 +4,7 @@ import numpy as np
 
 from quadrig.single.arrays import Floats, Mask
 from quadrig.single.detect.corner_fit import CornerFit
+from quadrig.single.detect.tone import USUAL_TONE, Tone
 
 # A corner whose fit leaves more than this share of its contrast unexplained (rms) is covered, torn or no corner.
 _UNEXPLAINED = 0.2
@@ -16,6 +17,8 @@ _WORST_SIGMA = 0.5
 RECENTRE = 1.5
 # px that the model is wrong by on real lenses, added to what noise explains.
 _MODEL_SIGMA = 0.02
+# A saddle stays where it is in any tone, so that one which is roughly right serves: what is left in log gamma.
+_TONE_MATTERS = 0.15
 # Largest window (px): farther out the lens bends the squares' edges.
 _WIDEST = 7.0
 
@@ -29,14 +32,24 @@ def corner_window(axes: Floats) -> Floats:
 
 def good_corners(fit: CornerFit) -> Mask:
     """Which corners are well explained and sure enough to be used."""
-    strength = np.abs(fit.contrast)
-    explained = fit.noise < _UNEXPLAINED * strength
-    return explained & (strength > _LEAST_CONTRAST) & (fit.sigma < _WORST_SIGMA) & np.isfinite(fit.pixels).all(axis=1)
+    explained = fit.noise < _UNEXPLAINED * np.abs(fit.contrast)
+    return (
+        explained
+        & (np.abs(fit.grey_contrast) > _LEAST_CONTRAST)
+        & (fit.sigma < _WORST_SIGMA)
+        & np.isfinite(fit.pixels).all(axis=1)
+    )
 
 
 def alike_corners(fit: CornerFit) -> Mask:
     """Which corners leave about as much unexplained as their fellows: one with much more is touched by something."""
     return fit.noise < np.maximum(3 * np.median(fit.noise), _ALWAYS_EXPLAINED * np.abs(fit.contrast))
+
+
+def better_tone(fit: CornerFit, sure: Mask) -> Tone | None:
+    """The tone that corners fitted in the usual one tell, those that are sure; None where the usual one will do."""
+    tone = USUAL_TONE.told(float(fit.pull[sure].sum()), float(fit.weight[sure].sum()))
+    return tone if abs(np.log(tone.gamma / USUAL_TONE.gamma)) > _TONE_MATTERS else None
 
 
 def view_sigma(sigma: Floats) -> float:

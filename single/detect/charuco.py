@@ -4,10 +4,18 @@ import cv2
 import numpy as np
 
 from quadrig.single.arrays import Floats, Ints, Mask, Picture
-from quadrig.single.detect.board_corners import RECENTRE, alike_corners, corner_window, good_corners, view_sigma
+from quadrig.single.detect.board_corners import (
+    RECENTRE,
+    alike_corners,
+    better_tone,
+    corner_window,
+    good_corners,
+    view_sigma,
+)
 from quadrig.single.detect.corner_fit import fit_corners
 from quadrig.single.detect.dictionaries import canonical_dictionary, check_tag_id
 from quadrig.single.detect.local_homography import local_homographies, mapped
+from quadrig.single.detect.tone import LightImage, Tone
 from quadrig.single.marking import (
     CharucoMarking,
     board_points,
@@ -30,8 +38,7 @@ _PLANE = 2.0
 def detect_charuco(grey: Picture, rectangle: Rectangle, found: dict[int, list[Floats]]) -> View | None:
     """The View of a ChArUco board from the rough corners of the tags found, by id, or None.
 
-    grey: light squares lighter than dark ones; an inverted board is given on the inverted image. At least four
-    inner corners that are not in one line make a View.
+    At least four inner corners that are not in one line make a View.
     """
     marking = rectangle.marking
     assert isinstance(marking, CharucoMarking)
@@ -43,7 +50,11 @@ def detect_charuco(grey: Picture, rectangle: Rectangle, found: dict[int, list[Fl
         return None
     points = board_points(marking.columns, marking.rows, marking.square)[:, :2]
     places, axes, trusted = _predict(points, tags.reshape(-1, 2), pixels.reshape(-1, 2), marking, grey.shape, _BESIDE)
-    pixels_found, sigma, good = _fit_charuco(grey, marking, places, axes, trusted)
+    light = LightImage(grey)
+    pixels_found, sigma, good, tone = _fit_charuco(light, marking, places, axes, trusted)
+    if tone is not None:
+        light = LightImage(grey, tone)
+        pixels_found, sigma, good, _ = _fit_charuco(light, marking, places, axes, trusted)
     for _ in range(_ROUNDS):
         good[good] = _on_one_plane(points[good], pixels_found[good])
         if np.count_nonzero(good) < 4:
@@ -52,7 +63,7 @@ def detect_charuco(grey: Picture, rectangle: Rectangle, found: dict[int, list[Fl
         near &= ~good
         if not near.any():
             break
-        again, sigma_again, good_again = _fit_charuco(grey, marking, places, axes, near)
+        again, sigma_again, good_again, _ = _fit_charuco(light, marking, places, axes, near)
         pixels_found[good_again], sigma[good_again] = again[good_again], sigma_again[good_again]
         good |= good_again
     good &= _smooth(points, pixels_found, good, marking.square)
@@ -148,15 +159,15 @@ def _predict(
 
 
 def _fit_charuco(
-    grey: Picture, marking: CharucoMarking, places: Floats, axes: Floats, wanted: Mask
-) -> tuple[Floats, Floats, Mask]:
-    """Corners (P, 2), sigma (P,) and which (P,) of the wanted ones are sure."""
+    light: LightImage, marking: CharucoMarking, places: Floats, axes: Floats, wanted: Mask
+) -> tuple[Floats, Floats, Mask, Tone | None]:
+    """Corners (P, 2), sigma (P,), which (P,) of the wanted ones are sure, and the tone that would suit better."""
     pixels, sigma, good = places.copy(), np.full(len(places), np.inf), np.zeros(len(places), bool)
     index = np.flatnonzero(wanted)
     if not len(index):
-        return pixels, sigma, good
+        return pixels, sigma, good, None
     clear = (1 - marking.marker / marking.square) / 2
-    fit = fit_corners(grey, places[index], axes[index], corner_window(axes[index]), clear)
+    fit = fit_corners(light, places[index], axes[index], corner_window(axes[index]), clear)
     shift = fit.pixels - places[index]
     far = np.linalg.norm(shift, axis=1)
     again = np.flatnonzero(far > RECENTRE)
@@ -164,18 +175,18 @@ def _fit_charuco(
         # The window follows the corner, a few pixels at most, so that it holds the four squares evenly.
         here = places[index[again]] + shift[again] * np.minimum(1, 4 / far[again, None])
         own_axes = axes[index[again]]
-        fit = fit.changed(again, fit_corners(grey, here, own_axes, corner_window(own_axes), clear))
+        fit = fit.changed(again, fit_corners(light, here, own_axes, corner_window(own_axes), clear))
     side = np.linalg.norm(axes[index], axis=2).min(axis=1)
     moved = np.linalg.norm(fit.pixels - places[index], axis=1)
     sure = good_corners(fit) & alike_corners(fit) & (moved < np.maximum(1.5, 0.2 * side))
     sure &= np.sign(fit.contrast) == _expected_signs(marking)[index]
     pixels[index], sigma[index], good[index] = fit.pixels, fit.sigma, sure
-    return pixels, sigma, good
+    return pixels, sigma, good, better_tone(fit, sure)
 
 
 def _expected_signs(marking: CharucoMarking) -> Ints:
     rows, columns = np.meshgrid(np.arange(marking.rows - 1), np.arange(marking.columns - 1), indexing="ij")
-    black_first = -1 if starts_with_tag(marking) else 1
+    black_first = -1 if starts_with_tag(marking) != marking.inverted else 1
     return (black_first * (1 - 2 * ((rows + columns) % 2))).ravel()
 
 

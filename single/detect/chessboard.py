@@ -3,9 +3,10 @@
 import numpy as np
 
 from quadrig.single.arrays import Floats, Ints, Picture
-from quadrig.single.detect.board_corners import RECENTRE, corner_window, good_corners, view_sigma
+from quadrig.single.detect.board_corners import RECENTRE, better_tone, corner_window, good_corners, view_sigma
 from quadrig.single.detect.corner_fit import CornerFit, fit_corners
 from quadrig.single.detect.saddle_grid import find_saddle_grid
+from quadrig.single.detect.tone import LightImage
 from quadrig.single.marking import ChessboardMarking, board_points
 from quadrig.single.rectangle import Rectangle
 from quadrig.single.view import View
@@ -33,12 +34,17 @@ def detect_chessboard(grey: Picture, rectangle: Rectangle, rough: Floats | None 
         return None
     grid = _right_handed(grid)
     axes = _grid_axes(grid)
-    fit = _fit_grid(grey, grid, axes)
+    light = LightImage(grey)
+    fit = _fit_grid(light, grid, axes)
+    tone = better_tone(fit, good_corners(fit))
+    if tone is not None:
+        light = LightImage(grey, tone)
+        fit = _fit_grid(light, grid, axes)
     signs = _colour_signs(fit, grid.shape[:2])
     if not _all_sure(fit, grid, axes) or signs == 0:
         return None
     pixels = fit.pixels.reshape(grid.shape)
-    if _goes_on(grey, pixels, fit):
+    if _goes_on(light, pixels, fit):
         return None
     readings = _readings(pixels, signs)
     points = board_points(marking.columns, marking.rows, marking.square)
@@ -65,12 +71,12 @@ def _grid_axes(grid: Floats) -> Floats:
     return np.stack([np.gradient(grid, axis=1), np.gradient(grid, axis=0)], axis=2)
 
 
-def _fit_grid(grey: Picture, grid: Floats, axes: Floats) -> CornerFit:
+def _fit_grid(light: LightImage, grid: Floats, axes: Floats) -> CornerFit:
     flat_axes = axes.reshape(-1, 2, 2)
-    fit = fit_corners(grey, grid.reshape(-1, 2), flat_axes, corner_window(flat_axes))
+    fit = fit_corners(light, grid.reshape(-1, 2), flat_axes, corner_window(flat_axes))
     moved = np.linalg.norm(fit.pixels - grid.reshape(-1, 2), axis=1)
     if np.max(moved, initial=0.0) > RECENTRE:
-        fit = fit_corners(grey, fit.pixels, flat_axes, corner_window(flat_axes))
+        fit = fit_corners(light, fit.pixels, flat_axes, corner_window(flat_axes))
     return fit
 
 
@@ -82,16 +88,16 @@ def _all_sure(fit: CornerFit, grid: Floats, axes: Floats) -> bool:
     return bool(near and np.all(good_corners(fit)) and np.min(side) > _SMALLEST_SQUARE)
 
 
-def _goes_on(grey: Picture, grid: Floats, fit: CornerFit) -> bool:
+def _goes_on(light: LightImage, grid: Floats, fit: CornerFit) -> bool:
     """Whether a row of corners follows beyond the grid's edge: then it is a part of a larger board."""
     contrast, noise, blur = np.abs(fit.contrast).mean(), np.median(fit.noise), np.median(fit.blur)
     for turned in (grid, grid[::-1], np.swapaxes(grid, 0, 1), np.swapaxes(grid, 0, 1)[::-1]):
         beyond = 2 * turned[0] - turned[1]
         axes = np.stack([np.gradient(beyond, axis=0), turned[1] - turned[0]], axis=1)
-        inside = ((beyond > 3) & (beyond < np.array(grey.shape[::-1]) - 4)).all(axis=1)
+        inside = ((beyond > 3) & (beyond < np.array(light.grey.shape[::-1]) - 4)).all(axis=1)
         if np.count_nonzero(inside) < _ENOUGH_OF_A_ROW * len(beyond):
             continue
-        more = fit_corners(grey, beyond[inside], axes[inside], corner_window(axes[inside]))
+        more = fit_corners(light, beyond[inside], axes[inside], corner_window(axes[inside]))
         side = np.linalg.norm(axes[inside], axis=2).min(axis=1)
         near = np.linalg.norm(more.pixels - beyond[inside], axis=1) < np.maximum(1.5, 0.15 * side)
         # The ends of the outermost black squares look like soft, noisy corners; true ones are like their fellows.

@@ -4,7 +4,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from quadrig.single.arrays import Floats, Ints, Picture, Singles
+from quadrig.single.arrays import Floats, Ints, Singles
 from quadrig.single.detect.blurred_step import (
     BLUR_SPREAD,
     ITERATIONS,
@@ -13,22 +13,27 @@ from quadrig.single.detect.blurred_step import (
     SOFTEST,
     USUAL_BLUR,
     damped_step,
-    grey_at,
     settled,
     soft_step,
+    variance_of_sides,
     weighted_mean,
 )
+from quadrig.single.detect.tone import LightImage, Tone, gamma_evidence
 
 
 @dataclass(frozen=True, eq=False)
 class CornerFit:
-    """Board corners: pixels (N, 2), sigma (N,) px a coordinate, noise and contrast (N,) in grey levels, blur px."""
+    """Board corners: pixels (N, 2), sigma (N,) px a coordinate; noise and contrast (N,) in light, grey_contrast (N,)
+    in grey levels; blur (N,) px; pull, weight (N,): what each tells of the tone, see gamma_evidence."""
 
     pixels: Floats
     sigma: Floats
     noise: Floats
     contrast: Floats
+    grey_contrast: Floats
     blur: Floats
+    pull: Floats
+    weight: Floats
 
     def changed(self, index: Ints, other: "CornerFit") -> "CornerFit":
         """The same with the corners of these indices taken from another fit."""
@@ -38,8 +43,8 @@ class CornerFit:
         return CornerFit(*(whole for whole, _ in parts))
 
 
-def fit_corners(image: Picture, pixels: Floats, axes: Floats, radius: Floats, clear: float = np.inf) -> CornerFit:
-    """Fit corners where four squares of a board meet, near pixels (N, 2), in a grey image (h, w).
+def fit_corners(image: LightImage, pixels: Floats, axes: Floats, radius: Floats, clear: float = np.inf) -> CornerFit:
+    """Fit corners where four squares of a board meet, near pixels (N, 2).
 
     axes (N, 2, 2): px that one square's side spans along the board's columns and along its rows at each corner.
     radius (N,): px around the corner to use. clear: share of a square's side around each of the board's lines that is
@@ -50,7 +55,7 @@ def fit_corners(image: Picture, pixels: Floats, axes: Floats, radius: Floats, cl
     window = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
     window = window[np.hypot(*window.T) < np.max(radius, initial=1.0) + 1.3][None]
     whole = np.rint(pixels).astype(int)[:, None] + window
-    grey, valid = grey_at(image, whole[..., 0], whole[..., 1])
+    light, valid = image.at(whole[..., 0], whole[..., 1])
     places = whole - pixels[:, None]
     square = np.linalg.inv(np.swapaxes(axes, 1, 2))
     board = places @ np.swapaxes(square, 1, 2)
@@ -58,32 +63,39 @@ def fit_corners(image: Picture, pixels: Floats, axes: Floats, radius: Floats, cl
     # One more pixel stays clear for the blur of the tags' edges.
     pixel = 1.2 / np.min(np.linalg.norm(axes, axis=2), axis=1)[:, None]
     weight = weight * ~((np.abs(board) > np.maximum(clear - pixel, pixel)[..., None]).all(axis=-1))
-    return _corner_iterations(pixels, axes, places.astype(np.float32), grey, weight.astype(np.float32))
+    places, weight = places.astype(np.float32), weight.astype(np.float32)
+    return _corner_iterations(pixels, axes, places, light, weight, image.tone)
 
 
-def _corner_iterations(pixels: Floats, axes: Floats, places: Singles, grey: Singles, weight: Singles) -> CornerFit:
+def _corner_iterations(
+    pixels: Floats, axes: Floats, places: Singles, light: Singles, weight: Singles, tone: Tone
+) -> CornerFit:
     count = len(pixels)
-    parameters = np.zeros((count, 9))  # x, y, two angles, log blur, mean grey, its slopes, half contrast
+    parameters = np.zeros((count, 9))  # x, y, two angles, log blur, mean light, its slopes, half contrast
     parameters[:, 2:4] = np.arctan2(axes[:, :, 1], axes[:, :, 0])
     parameters[:, 4] = USUAL_BLUR
-    total = np.maximum(weight.sum(axis=1), 1e-9)
-    parameters[:, 5] = weighted_mean(grey, weight)
-    pattern = _corner_model(parameters, places, grey)[1][:, 8]
-    parameters[:, 8] = np.sum(weight * pattern * (grey - parameters[:, 5:6]), axis=1) / np.maximum(
+    parameters[:, 5] = weighted_mean(light, weight)
+    pattern = _corner_model(parameters, places)[1][:, 8]
+    parameters[:, 8] = np.sum(weight * pattern * (light - parameters[:, 5:6]), axis=1) / np.maximum(
         np.sum(weight * pattern**2, axis=1), 1e-9
     )
     noise = np.full(count, 4.0)
     inverse = np.zeros((count, 9, 9))
+    pull_on, weight_on = np.zeros(count), np.zeros(count)
     active = np.arange(count)
-    for _ in range(ITERATIONS):
+    for iteration in range(ITERATIONS):
         now, w = parameters[active], weight[active]
-        residual, jacobian = _corner_model(now, places[active], grey[active])
-        level = np.sqrt(np.sum(w * residual**2, axis=1) / np.maximum(total[active] - 8, 1)) + LEAST_NOISE
+        model, jacobian = _corner_model(now, places[active])
+        residual = light[active] - model
+        least = LEAST_NOISE * tone.by_grey(now[:, 5:6] + now[:, 8:] * [-1, 1])
+        variance = variance_of_sides(residual, (1 + jacobian[:, 8]) / 2, w, least, 8)
+        noise[active] = np.sqrt(weighted_mean(variance, w))
+        w = w / variance
         prior = np.zeros((len(active), 9))
         # The board's own lines are known to some degrees.
-        prior[:, 2:4] = (level[:, None] / 0.15) ** 2
-        prior[:, 4] = (level / BLUR_SPREAD) ** 2
-        prior[:, 6:8] = (level / (0.05 * np.abs(now[:, 8]) + 0.1))[:, None] ** 2
+        prior[:, 2:4] = 1 / 0.15**2
+        prior[:, 4] = 1 / BLUR_SPREAD**2
+        prior[:, 6:8] = 1 / (0.05 * np.abs(now[:, 8]) + 0.1)[:, None] ** 2
         pull = np.zeros((len(active), 9))
         pull[:, 4] = USUAL_BLUR - now[:, 4]
         pull[:, 6:8] = -now[:, 6:8]
@@ -93,15 +105,22 @@ def _corner_iterations(pixels: Floats, axes: Floats, places: Singles, grey: Sing
         step[:, 4] = np.clip(step[:, 4], -0.5, 0.5)
         parameters[active] = now + step
         parameters[:, 4] = np.clip(parameters[:, 4], np.log(SHARPEST), np.log(SOFTEST))
-        noise[active] = level
-        active = active[~settled(step[:, :2], step[:, 4])]
+        rest = settled(step[:, :2], step[:, 4]) | (iteration == ITERATIONS - 1)
+        done = active[rest]
+        _, pull_on[done], weight_on[done] = gamma_evidence(
+            model[rest], residual[rest], jacobian[rest], w[rest], inverse[done]
+        )
+        active = active[~rest]
         if not len(active):
             break
-    sigma = noise * np.sqrt(np.maximum(inverse[:, 0, 0] + inverse[:, 1, 1], 0) / 2)
-    return CornerFit(pixels + parameters[:, :2], sigma, noise, 2 * parameters[:, 8], np.exp(parameters[:, 4]))
+    sigma = np.sqrt(np.maximum(inverse[:, 0, 0] + inverse[:, 1, 1], 0) / 2)
+    mean, half = parameters[:, 5], parameters[:, 8]
+    grey_contrast = tone.grey(mean + half) - tone.grey(mean - half)
+    blur = np.exp(parameters[:, 4])
+    return CornerFit(pixels + parameters[:, :2], sigma, noise, 2 * half, grey_contrast, blur, pull_on, weight_on)
 
 
-def _corner_model(parameters: Floats, places: Singles, grey: Singles) -> tuple[Singles, Singles]:
+def _corner_model(parameters: Floats, places: Singles) -> tuple[Singles, Singles]:
     x, y, first, second, log_blur, mean, slope_x, slope_y, half = parameters.astype(np.float32).T[..., None]
     blur = np.exp(log_blur)
     dx, dy = places[..., 0] - x, places[..., 1] - y
@@ -114,7 +133,7 @@ def _corner_model(parameters: Floats, places: Singles, grey: Singles) -> tuple[S
         by_blur.append(2 * widen)
         distance_along.append(cos * dx + sin * dy)
     product = signs[0] * signs[1]
-    residual = grey - (mean + slope_x * places[..., 0] + slope_y * places[..., 1] + half * product)
+    model = mean + slope_x * places[..., 0] + slope_y * places[..., 1] + half * product
     cross = [half * by_distance[0] * signs[1], half * by_distance[1] * signs[0]]
     jacobian = np.empty((len(x), 9, dx.shape[1]), np.float32)
     jacobian[:, 0] = cross[0] * np.sin(first) + cross[1] * np.sin(second)
@@ -125,4 +144,4 @@ def _corner_model(parameters: Floats, places: Singles, grey: Singles) -> tuple[S
     jacobian[:, 5] = 1
     jacobian[:, 6], jacobian[:, 7] = places[..., 0], places[..., 1]
     jacobian[:, 8] = product
-    return residual, jacobian
+    return model, jacobian

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from quadrig.single.arrays import Floats, Mask, Picture, Singles
+from quadrig.single.arrays import Floats, Mask, Singles
 from quadrig.single.detect.blurred_step import (
     BLUR_SPREAD,
     ITERATIONS,
@@ -17,11 +17,12 @@ from quadrig.single.detect.blurred_step import (
     SOFTEST,
     USUAL_BLUR,
     damped_step,
-    grey_at,
     settled,
     soft_step,
+    variance_of_sides,
     weighted_mean,
 )
+from quadrig.single.detect.tone import LightImage, Tone, gamma_evidence
 
 # Bow (px over half a side of 50 px) that a strong wide-angle lens gives a straight edge; it grows with the square.
 _BOW = 0.5
@@ -34,29 +35,47 @@ _CLIPPED, _LIGHT_INK = 252.0, 90.0
 class EdgeFit:
     """Sides of outlines: offset c0 + c1 u + c2 u^2 (px, along the normal) over u in [-1, 1] from start to end.
 
-    coefficients (N, 3), covariance (N, 3, 3), noise (N,) grey levels, contrast (N,) grey levels from inside to
-    outside, blur (N,) px, dark (N,) grey level of the inner side.
+    coefficients (N, 3), covariance (N, 3, 3); noise (N,), dark (N,) of the inner side and contrast (N,) from inside
+    to outside in light as the tone reads it; blur (N,) px. by_gamma (N, 3): how the coefficients change with the
+    logarithm of the tone's gamma; pull, weight (N,): what each edge tells of that, see gamma_evidence.
     """
 
     coefficients: Floats
     covariance: Floats
     noise: Floats
+    dark: Floats
     contrast: Floats
     blur: Floats
-    dark: Floats
+    by_gamma: Floats
+    pull: Floats
+    weight: Floats
+    tone: Tone
+
+    @property
+    def grey_contrast(self) -> Floats:
+        """Grey levels (N,) from inside to outside."""
+        return self.tone.grey(self.dark + self.contrast) - self.tone.grey(self.dark)
 
     @property
     def washed_out(self) -> Mask:
         """Which (N,) edges run between white that is clipped and a dark side that is light: they lie elsewhere."""
-        lighter, darker = (
-            np.maximum(self.dark, self.dark + self.contrast),
-            np.minimum(self.dark, self.dark + self.contrast),
-        )
-        return (lighter > _CLIPPED) & (darker > _LIGHT_INK)
+        sides = self.tone.grey(np.stack([self.dark, self.dark + self.contrast]))
+        return (sides.max(axis=0) > _CLIPPED) & (sides.min(axis=0) > _LIGHT_INK)
+
+
+@dataclass(frozen=True, eq=False)
+class Outline:
+    """Quadrilaterals: corners (N, 4, 2) px, sigma (N, 4) px a coordinate, by_gamma (N, 4, 2): how the corners move
+    with the logarithm of the tone's gamma, and the fit of all sides (4 N in order)."""
+
+    corners: Floats
+    sigma: Floats
+    by_gamma: Floats
+    fit: EdgeFit
 
 
 def fit_edges(
-    image: Picture,
+    image: LightImage,
     start: Floats,
     end: Floats,
     inside: Floats,
@@ -65,7 +84,7 @@ def fit_edges(
     bow: Floats | None = None,
     most: int = 96,
 ) -> EdgeFit:
-    """Fit the edges near the lines from start to end (N, 2) px in a grey image (h, w).
+    """Fit the edges near the lines from start to end (N, 2) px.
 
     inside (N, 2): a point on the darker or lighter inner side, which gives the normal its sense (it points away).
     reach (N,): px to either side that belong to this edge alone. margin (N,): px at both ends to leave out.
@@ -79,8 +98,8 @@ def fit_edges(
     middle = (start + end) / 2
     normal *= -np.sign(np.sum((inside - middle) * normal, axis=1))[:, None]
     bands = _Bands(middle, tangent, normal, length, reach, np.zeros(len(start)) if bow is None else bow)
-    u, offset, grey, weight = _edge_samples(image, bands, margin, most)
-    return _edge_iterations(u, offset, grey, weight, bands)
+    u, offset, light, weight = _edge_samples(image, bands, margin, most)
+    return _edge_iterations(u, offset, light, weight, bands, image.tone)
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,7 +115,7 @@ class _Bands:
 
 
 def _edge_samples(
-    image: Picture, bands: _Bands, margin: Floats, most: int
+    image: LightImage, bands: _Bands, margin: Floats, most: int
 ) -> tuple[Singles, Singles, Singles, Singles]:
     """Pixels in the bands along the edges, with their exact places: u along in [-1, 1], offset across in px."""
     middle, length = bands.middle, bands.length[:, None, None]
@@ -109,7 +128,7 @@ def _edge_samples(
     n = np.arange(-wide, wide + 1)[None, None, :] + bulge
     points = middle[:, None, None] + s[..., None] * tangent + n[..., None] * normal
     whole = np.rint(points).astype(int)
-    grey, valid = grey_at(image, whole[..., 0], whole[..., 1])
+    light, valid = image.at(whole[..., 0], whole[..., 1])
     shift = whole - middle[:, None, None]
     u = np.sum(shift * tangent, axis=-1) / (length / 2)
     offset = np.sum(shift * normal, axis=-1)
@@ -120,16 +139,17 @@ def _edge_samples(
 
     # A pixel of a short side is met several times; its weight is that of one pixel.
     repeat = np.minimum(1.0, free / many)[:, None]
-    return flat(u), flat(offset), flat(grey), flat(valid * repeat[..., None])
+    return flat(u), flat(offset), flat(light), flat(valid * repeat[..., None])
 
 
-def _edge_iterations(u: Singles, offset: Singles, grey: Singles, weight: Singles, bands: _Bands) -> EdgeFit:
+def _edge_iterations(
+    u: Singles, offset: Singles, light: Singles, weight: Singles, bands: _Bands, tone: Tone
+) -> EdgeFit:
     count, reach, start_bow = len(bands.length), bands.reach, bands.bow
     parameters = np.zeros((count, 8))  # dark, its slope, contrast, its slope, c0, c1, c2, log blur
-    total = np.maximum(weight.sum(axis=1), 1e-9)
     across = offset - start_bow[:, None] * (u**2 - 1)
-    bright = weighted_mean(grey, weight * (across > 0.4 * reach[:, None]))
-    dark = weighted_mean(grey, weight * (across < -0.4 * reach[:, None]))
+    bright = weighted_mean(light, weight * (across > 0.4 * reach[:, None]))
+    dark = weighted_mean(light, weight * (across < -0.4 * reach[:, None]))
     parameters[:, 4], parameters[:, 6] = -start_bow, start_bow
     parameters[:, 0], parameters[:, 2] = dark, bright - dark
     # A step as soft as the band is wide feels the edge from afar; it sharpens as it comes nearer.
@@ -138,15 +158,20 @@ def _edge_iterations(u: Singles, offset: Singles, grey: Singles, weight: Singles
     noise = np.full(count, 4.0)
     bow = _BOW * (bands.length / 100) ** 2
     inverse = np.zeros((count, 8, 8))
+    by_gamma, pull_on, weight_on = np.zeros((count, 8)), np.zeros(count), np.zeros(count)
     active = np.arange(count)
-    for _ in range(ITERATIONS):
+    for iteration in range(ITERATIONS):
         now, w = parameters[active], weight[active]
-        residual, jacobian = _edge_model(now, u[active], offset[active], grey[active])
-        level = np.sqrt(np.sum(w * residual**2, axis=1) / np.maximum(total[active] - 7, 1)) + LEAST_NOISE
+        model, jacobian = _edge_model(now, u[active], offset[active])
+        residual = light[active] - model
+        least = LEAST_NOISE * tone.by_grey(np.stack([now[:, 0], now[:, 0] + now[:, 2]], axis=1))
+        variance = variance_of_sides(residual, jacobian[:, 2], w, least, 7)
+        noise[active] = np.sqrt(weighted_mean(variance, w))
+        w = w / variance
         prior = np.zeros((len(active), 8))
-        prior[:, [1, 3]] = (level / (0.5 * np.abs(now[:, 2]) + 1))[:, None] ** 2
-        prior[:, 6] = (level / bow[active]) ** 2
-        prior[:, 7] = (level / BLUR_SPREAD) ** 2
+        prior[:, [1, 3]] = 1 / (0.5 * np.abs(now[:, 2]) + 1)[:, None] ** 2
+        prior[:, 6] = 1 / bow[active] ** 2
+        prior[:, 7] = 1 / BLUR_SPREAD**2
         pull = -now
         pull[:, 7] += USUAL_BLUR
         step, inverse[active] = damped_step(jacobian, residual, w, prior, pull)
@@ -154,21 +179,35 @@ def _edge_iterations(u: Singles, offset: Singles, grey: Singles, weight: Singles
         step[:, 7] = np.clip(step[:, 7], -0.5, 0.5)
         parameters[active] = now + step
         parameters[:, 7] = np.clip(parameters[:, 7], np.log(SHARPEST), np.log(SOFTEST))
-        noise[active] = level
-        active = active[~settled(step[:, 4:7], step[:, 7])]
+        rest = settled(step[:, 4:7], step[:, 7]) | (iteration == ITERATIONS - 1)
+        done = active[rest]
+        by_gamma[done], pull_on[done], weight_on[done] = gamma_evidence(
+            model[rest], residual[rest], jacobian[rest], w[rest], inverse[done]
+        )
+        active = active[~rest]
         if not len(active):
             break
-    covariance = inverse[:, 4:7, 4:7] * (noise**2)[:, None, None]
-    dark, contrast = parameters[:, 0].copy(), parameters[:, 2].copy()
-    return EdgeFit(parameters[:, 4:7].copy(), covariance, noise, contrast, np.exp(parameters[:, 7]), dark)
+    dark, contrast, blur = parameters[:, 0], parameters[:, 2], np.exp(parameters[:, 7])
+    return EdgeFit(
+        parameters[:, 4:7],
+        inverse[:, 4:7, 4:7],
+        noise,
+        dark,
+        contrast,
+        blur,
+        by_gamma[:, 4:7],
+        pull_on,
+        weight_on,
+        tone,
+    )
 
 
-def _edge_model(parameters: Floats, u: Singles, offset: Singles, grey: Singles) -> tuple[Singles, Singles]:
+def _edge_model(parameters: Floats, u: Singles, offset: Singles) -> tuple[Singles, Singles]:
     dark, dark_slope, contrast, contrast_slope, c0, c1, c2, log_blur = parameters.astype(np.float32).T[..., None]
     blur = np.exp(log_blur)
     value, slope, by_blur = soft_step(offset - (c0 + u * (c1 + u * c2)), blur)
     height = contrast + contrast_slope * u
-    residual = grey - (dark + dark_slope * u + height * value)
+    model = dark + dark_slope * u + height * value
     jacobian = np.empty((len(u), 8, u.shape[1]), np.float32)
     jacobian[:, 0], jacobian[:, 1] = 1, u
     jacobian[:, 2], jacobian[:, 3] = value, u * value
@@ -176,24 +215,22 @@ def _edge_model(parameters: Floats, u: Singles, offset: Singles, grey: Singles) 
     jacobian[:, 5] = jacobian[:, 4] * u
     jacobian[:, 6] = jacobian[:, 5] * u
     jacobian[:, 7] = height * by_blur * blur
-    return residual, jacobian
+    return model, jacobian
 
 
 def fit_outline(
-    image: Picture,
+    image: LightImage,
     corners: Floats,
     reach: Floats,
     bow: Floats | None = None,
     blur: Floats | None = None,
     most: int = 96,
-) -> tuple[Floats, Floats, EdgeFit]:
-    """Corners (N, 4, 2) px of quadrilaterals, from the four edges of each, with what the edges told.
+) -> Outline:
+    """The outlines near corners (N, 4, 2) px of quadrilaterals, from the four edges of each.
 
     reach (N, 4): px to either side of the side from corner k to k + 1 that belong to that edge alone.
     bow (N, 4): how far each side is known to bulge (c2 of an earlier fit), px. blur (N, 4): px, where known.
-    Returns corners (N, 4, 2), sigma (N, 4) px a coordinate, and the EdgeFit of all sides (4 N in order).
     """
-    count = len(corners)
     start, end = corners.reshape(-1, 2), np.roll(corners, -1, axis=1).reshape(-1, 2)
     centre = np.repeat(corners.mean(axis=1), 4, axis=0)
     length = np.linalg.norm(end - start, axis=1)
@@ -202,11 +239,10 @@ def fit_outline(
     margin = np.minimum(np.maximum(rounded, 0.06 * length), 0.3 * length)
     flat_bow = None if bow is None else bow.reshape(-1)
     fit = fit_edges(image, start, end, centre, reach.reshape(-1), margin, flat_bow, most)
-    refined, sigma = _meet(corners, fit)
-    return refined.reshape(count, 4, 2), sigma.reshape(count, 4), fit
+    return _meet(corners, fit)
 
 
-def _meet(corners: Floats, fit: EdgeFit) -> tuple[Floats, Floats]:
+def _meet(corners: Floats, fit: EdgeFit) -> Outline:
     """Where each side meets the one before it."""
     count = len(corners)
     end = np.roll(corners, -1, axis=1)
@@ -236,7 +272,9 @@ def _meet(corners: Floats, fit: EdgeFit) -> tuple[Floats, Floats]:
     covariance = fit.covariance.reshape(count, 4, 3, 3)[:, both]
     variances = np.sum((covariance @ powers[..., None])[..., 0] * powers, axis=-1)
     variance = np.sum(inverse**2 * variances[..., None, :], axis=(-1, -2)) / 2
-    return points, np.sqrt(np.maximum(variance, 0))
+    by_gamma = np.sum(fit.by_gamma.reshape(count, 4, 3)[:, both] * powers, axis=-1)
+    by_gamma = (inverse @ by_gamma[..., None])[..., 0]
+    return Outline(points, np.sqrt(np.maximum(variance, 0)), by_gamma, fit)
 
 
 def _inverse(rows: Floats) -> Floats:

@@ -34,8 +34,7 @@ def detect_views(
     before = None if near is None else {view.rectangle: view for view in near}
     views: dict[str, View] = {}
     for (dictionary, inverted), members in _by_dictionary(rectangles).items():
-        seen = 255 - grey if inverted else grey
-        for view in _of_dictionary(seen, dictionary, members, before):
+        for view in _of_dictionary(grey, (dictionary, inverted), members, before):
             views[view.rectangle] = view
     for rectangle in rectangles:
         if isinstance(rectangle.marking, ChessboardMarking):
@@ -46,9 +45,11 @@ def detect_views(
 
 
 def _of_dictionary(
-    grey: Picture, dictionary: str, members: Sequence[Rectangle], before: Mapping[str, View] | None
+    grey: Picture, kind: tuple[str, bool], members: Sequence[Rectangle], before: Mapping[str, View] | None
 ) -> list[View]:
-    """Views of the tags and ChArUco boards of one dictionary; near earlier Views where there are some."""
+    """Views of the tags and ChArUco boards of one dictionary, inverted or not; near earlier Views if any."""
+    dictionary, inverted = kind
+    seen = 255 - grey if inverted else grey
     tags = [r for r in members if isinstance(r.marking, TagMarking)]
     boards = [r for r in members if isinstance(r.marking, CharucoMarking)]
     views: list[View] = []
@@ -59,7 +60,7 @@ def _of_dictionary(
         tags, boards = ([r for r in group if r.name not in there] for group in (tags, boards))
     if tags or boards:
         wanted = _wanted([*tags, *boards])
-        found = find_tags(grey, dictionary, wanted, _board_ids(boards), quick=before is not None)
+        found = find_tags(seen, dictionary, wanted, _board_ids(boards), quick=before is not None)
         views += detect_tags(grey, tags, found)
         views += [view for board in boards if (view := detect_charuco(grey, board, found)) is not None]
     return views
@@ -70,6 +71,8 @@ def _board_nearby(grey: Picture, dictionary: str, board: Rectangle, before: Mapp
         return None
     window, corner = window_around(grey, before[board.name].pixels)
     # A board in motion is so blurred that only the slower passes find its tags; its window is small.
+    assert isinstance(board.marking, CharucoMarking)
+    window = 255 - window if board.marking.inverted else window
     tags = find_tags(window, dictionary, _wanted([board]), _board_ids([board]))
     found = {tag_id: [quad + corner for quad in quads] for tag_id, quads in tags.items()}
     return detect_charuco(grey, board, found)

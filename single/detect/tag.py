@@ -1,6 +1,7 @@
 """Tags: which squares of a dictionary are in an image, and their corners to sub-pixel accuracy."""
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
 from functools import lru_cache
 
 import cv2
@@ -8,8 +9,10 @@ import numpy as np
 
 from quadrig.single.arrays import Floats, Ints, Mask, Picture
 from quadrig.single.detect.dictionaries import canonical_dictionary, check_tag_id, tag_dictionary
-from quadrig.single.detect.edge_fit import EdgeFit, fit_outline
+from quadrig.single.detect.edge_fit import EdgeFit, Outline, fit_outline
 from quadrig.single.detect.pictures import reduced
+from quadrig.single.detect.tag_tone import tone_from_tags
+from quadrig.single.detect.tone import USUAL_TONE, LightImage
 from quadrig.single.marking import Marking, TagMarking
 from quadrig.single.rectangle import Rectangle
 from quadrig.single.view import View
@@ -136,18 +139,36 @@ def detect_tags(
         return []
     marking = seen[0][0].marking
     assert isinstance(marking, TagMarking)
-    cells = tag_dictionary(marking.dictionary).markerSize + 2
+    dictionary = tag_dictionary(marking.dictionary)
+    cells = dictionary.markerSize + 2
     rough = np.stack([quad for _, quad in seen])
-    corners, sigma, sure = refine_tags(grey, rough, cells, followed)
+    outlines = refine_tags(grey, rough, cells, followed)
     if followed:
         # What moved farther than one close fit reaches gets both fits.
-        again = np.flatnonzero(~sure)
-        corners[again], sigma[again], sure[again] = refine_tags(grey, rough[again], cells)
+        again = np.flatnonzero(~outlines.sure)
+        outlines.replace(again, refine_tags(grey, rough[again], cells))
+    sure = np.flatnonzero(outlines.sure)
+    if not len(sure):
+        return []
+    bits = np.array([_bits(dictionary, seen[k][0].marking) for k in sure])
+    tone = tone_from_tags(grey, outlines.corners[sure], outlines.blur[sure], bits, USUAL_TONE)
+    corners = outlines.corners + outlines.by_gamma * np.log(tone.gamma / USUAL_TONE.gamma)
     return [
-        View(rectangle.name, rectangle.corners, quad[_EQ4_FROM_OPENCV], sigma=float(s))
-        for (rectangle, _), quad, s, good in zip(seen, corners, sigma, sure, strict=True)
-        if good
+        View(
+            seen[k][0].name,
+            seen[k][0].corners,
+            corners[k][_EQ4_FROM_OPENCV],
+            sigma=float(outlines.sigma[k]),
+            common=tone.sigma * outlines.by_gamma[k][_EQ4_FROM_OPENCV],
+        )
+        for k in sure
     ]
+
+
+def _bits(dictionary: cv2.aruco.Dictionary, marking: Marking) -> Floats:
+    """Cells (cells, cells) of a tag, its black border included: 0 black, 1 white."""
+    assert isinstance(marking, TagMarking)
+    return (cv2.aruco.generateImageMarker(dictionary, marking.id, dictionary.markerSize + 2) > 127).astype(float)
 
 
 def track_tags(grey: Picture, rectangles: Sequence[Rectangle], near: Mapping[str, View]) -> list[View]:
@@ -172,7 +193,7 @@ def _reads_as(grey: Picture, corners: Floats, marking: Marking) -> bool:
     assert isinstance(marking, TagMarking)
     dictionary = tag_dictionary(marking.dictionary)
     cells = dictionary.markerSize + 2
-    bits = cv2.aruco.generateImageMarker(dictionary, marking.id, cells)[1:-1, 1:-1] > 127
+    bits = _bits(dictionary, marking)[1:-1, 1:-1] > 0
     image_from_cell = _image_from_cell(corners, cells)
     inner = np.arange(1.5, cells - 1, dtype=float)
     grid = np.stack(np.meshgrid(inner, inner), axis=-1).reshape(-1, 2)
@@ -182,21 +203,42 @@ def _reads_as(grey: Picture, corners: Floats, marking: Marking) -> bool:
     return bool(wrong <= dictionary.maxCorrectionBits)
 
 
-def refine_tags(grey: Picture, rough: Floats, cells: int, still: bool = False) -> tuple[Floats, Floats, Mask]:
-    """Corners (N, 4, 2) from rough ones, sigma (N,) px, and which (N,) are to be trusted.
+@dataclass(frozen=True, eq=False)
+class TagOutlines:
+    """Outlines of tags: corners (N, 4, 2) px, top left first and clockwise on the print, as the usual tone has them;
+    by_gamma (N, 4, 2): how they move with its log gamma; sigma and blur (N,) px; sure (N,): which to trust."""
+
+    corners: Floats
+    by_gamma: Floats
+    sigma: Floats
+    blur: Floats
+    sure: Mask
+
+    def replace(self, index: Ints, others: "TagOutlines") -> None:
+        """Put others in the place of these."""
+        for field in fields(self):
+            getattr(self, field.name)[index] = getattr(others, field.name)
+
+
+def refine_tags(grey: Picture, rough: Floats, cells: int, still: bool = False) -> TagOutlines:
+    """The outlines from rough corners (N, 4, 2).
 
     cells: along a side of the tag, its black border included. still: only those are to be trusted that stand
     where the rough corners are, which takes half the time.
     """
-    corners, sigma = np.empty_like(rough), np.empty(rough.shape[:2])
-    sure, leak = np.zeros(len(rough), bool), np.zeros(len(rough))
+    count = len(rough)
+    corners, by_gamma, sigma, blur = np.empty_like(rough), np.empty_like(rough), np.empty((count, 4)), np.empty(count)
+    sure, leak = np.zeros(count, bool), np.zeros(count)
     levels = _levels(rough)
     groups = [np.flatnonzero(levels == 0), *np.flatnonzero(levels > 0)[:, None]]
     for group in (g for g in groups if len(g)):
-        corners[group], sigma[group], fit = _fit_from_level(grey, rough[group], cells, int(levels[group[0]]), still)
+        outline = _fit_from_level(grey, rough[group], cells, int(levels[group[0]]), still)
+        corners[group], by_gamma[group], sigma[group] = outline.corners, outline.by_gamma, outline.sigma
+        fit, own_blur = outline.fit, outline.fit.blur.reshape(-1, 4)
+        blur[group] = own_blur.mean(axis=1)
         sure[group] = _even_sides(fit, _cell(corners[group], cells))
         if still:
-            sure[group] &= (fit.blur.reshape(-1, 4) < _SHARP).all(axis=1)
+            sure[group] &= (own_blur < _SHARP).all(axis=1)
         leak[group] = _leak(fit, corners[group], cells)
     side = np.linalg.norm(np.roll(rough, -1, axis=1) - rough, axis=2).min(axis=1)
     moved = np.linalg.norm(corners - rough, axis=2).max(axis=1)
@@ -205,7 +247,7 @@ def refine_tags(grey: Picture, rough: Floats, cells: int, still: bool = False) -
     sure &= total < _WORST_SIGMA
     for index in np.flatnonzero(sure):
         sure[index] = _looks_whole(grey, corners[index], cells)
-    return corners, total, sure
+    return TagOutlines(corners, by_gamma, total, blur, sure)
 
 
 def _leak(fit: EdgeFit, corners: Floats, cells: int) -> Floats:
@@ -223,7 +265,9 @@ def _even_sides(fit: EdgeFit, cell: Floats) -> Mask:
     """Which tags (N,) have four sides that are alike: dark within, of like contrast, and none of them half hidden."""
     contrast, noise = fit.contrast.reshape(-1, 4), fit.noise.reshape(-1, 4)
     least = contrast.min(axis=1)
-    even = (least > _LEAST_CONTRAST) & (contrast.max(axis=1) < 4 * np.maximum(least, 1))
+    even = (fit.grey_contrast.reshape(-1, 4).min(axis=1) > _LEAST_CONTRAST) & (
+        contrast.max(axis=1) < 4 * np.maximum(least, 1)
+    )
     leaking = _LEAKING * fit.blur.reshape(-1, 4) / np.maximum(cell, 1e-3)
     hidden = (noise > np.clip(leaking, _UNEXPLAINED, _MOST_UNEXPLAINED) * contrast) & (
         noise > 2.5 * noise.min(axis=1, keepdims=True)
@@ -237,10 +281,8 @@ def _levels(corners: Floats) -> Ints:
     return np.maximum(0, np.rint(np.log2(side / _FIT_SIDE))).astype(int)
 
 
-def _fit_from_level(
-    grey: Picture, rough: Floats, cells: int, top: int, still: bool
-) -> tuple[Floats, Floats, EdgeFit]:
-    """Corners (N, 4, 2), sigma (N, 4) and the last fit, from the coarse image of level `top` down to 0.
+def _fit_from_level(grey: Picture, rough: Floats, cells: int, top: int, still: bool) -> Outline:
+    """The outlines from the coarse image of level `top` down to 0.
 
     still: the rough corners are good to a pixel. Coarse first, since a wide-angle lens bows the side of a large tag
     by more than the close search spans.
@@ -249,27 +291,27 @@ def _fit_from_level(
     scale, sides = 2**top, rough.shape[:2]
     small = (rough - origin + 0.5) / scale - 0.5
     bow = np.zeros(sides) if still else None
-    corners, sigma, fit = _fit_level(reduced(crop, 1 / scale), small, cells, bow, np.zeros(sides))
-    while scale > 1 and np.median(fit.blur) <= _SOFT:
+    outline = _fit_level(reduced(crop, 1 / scale), small, cells, bow, np.zeros(sides))
+    while scale > 1 and np.median(outline.fit.blur) <= _SOFT:
         scale //= 2
-        bow, blur = (2 * part.reshape(sides) for part in (fit.coefficients[:, 2], fit.blur))
-        corners, sigma, fit = _fit_level(reduced(crop, 1 / scale), 2 * corners + 0.5, cells, bow, blur)
-    return (corners + 0.5) * scale - 0.5 + origin, sigma * scale, fit
+        bow, blur = (2 * part.reshape(sides) for part in (outline.fit.coefficients[:, 2], outline.fit.blur))
+        outline = _fit_level(reduced(crop, 1 / scale), 2 * outline.corners + 0.5, cells, bow, blur)
+    fit = replace(outline.fit, blur=outline.fit.blur * scale)
+    corners = (outline.corners + 0.5) * scale - 0.5 + origin
+    return Outline(corners, outline.sigma * scale, outline.by_gamma * scale, fit)
 
 
-def _fit_level(
-    image: Picture, corners: Floats, cells: int, bow: Floats | None, blur: Floats
-) -> tuple[Floats, Floats, EdgeFit]:
-    """Corners (N, 4, 2), sigma (N, 4) and the fit in this image's pixels; bow, blur (N, 4): px, from coarser ones."""
-    cell = _cell(corners, cells)
+def _fit_level(image: Picture, corners: Floats, cells: int, bow: Floats | None, blur: Floats) -> Outline:
+    """The outlines in this image's pixels; bow, blur (N, 4): px, from coarser ones."""
+    cell, light = _cell(corners, cells), LightImage(image)
     if bow is None:
         # First wide enough for the rough corners' error, then close to the edge found.
-        first, _, fit = fit_outline(image, corners, np.clip(0.6 * cell, 1.0, _WIDE), most=32)
-        corners = np.where(np.isfinite(first), first, corners)
-        bow, blur = fit.coefficients[:, 2].reshape(blur.shape), fit.blur.reshape(blur.shape)
+        first = fit_outline(light, corners, np.clip(0.6 * cell, 1.0, _WIDE), most=32)
+        corners = np.where(np.isfinite(first.corners), first.corners, corners)
+        bow, blur = first.fit.coefficients[:, 2].reshape(blur.shape), first.fit.blur.reshape(blur.shape)
     close = np.clip(0.8 * cell, 1.0, np.maximum(_CLOSE, 3 * blur))
-    fitted, sigma, fit = fit_outline(image, corners, close, bow, blur)
-    return np.where(np.isfinite(fitted), fitted, corners), sigma, fit
+    outline = fit_outline(light, corners, close, bow, blur)
+    return replace(outline, corners=np.where(np.isfinite(outline.corners), outline.corners, corners))
 
 
 def _crop(grey: Picture, corners: Floats, scale: int) -> tuple[Floats, Picture]:

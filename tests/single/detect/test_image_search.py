@@ -163,7 +163,8 @@ KIND_NAMES = ["tag", "chess", "charuco", "plain"]
 
 def within_sigmas(view: View, where: Pose) -> bool:
     """Whether what is found is within a few of its own sigmas, and never a pixel off."""
-    return bool(np.abs(errors(view, where)).max() < min(1.0, max(0.2, 6 * view.sigma)))
+    sigma = view.sigma if view.common is None else np.hypot(view.sigma, view.common)
+    return bool(np.all(np.abs(errors(view, where)) < np.minimum(1.0, np.maximum(0.2, 6 * sigma))))
 
 
 @pytest.mark.parametrize("rectangle", KINDS, ids=KIND_NAMES)
