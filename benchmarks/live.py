@@ -24,7 +24,7 @@ from rich.console import Console
 from rich.table import Table
 
 from quadrig.io.config.rig_toml import RigConfig
-from quadrig.io.demo.rendered_recording import picture
+from quadrig.io.demo.rendered_recording import pictures
 from quadrig.io.demo.scene import HEIGHT, WIDTH, Scene, demo_scene
 from quadrig.io.live.capture.source_spec import parse_source
 from quadrig.io.live.display import Screen
@@ -121,10 +121,10 @@ def write_video(task: tuple[Path, int, Scene]) -> None:
     """Render one camera's video."""
     path, index, scene = task
     cv2.setNumThreads(1)
-    pictures = [picture(scene.cameras[index], scene, k) for k in range(FRAMES)]
+    shown = list(pictures(scene.cameras[index], scene, range(FRAMES)))
     part = path.with_suffix(".part.avi")
     writer = cv2.VideoWriter(str(part), cv2.VideoWriter.fourcc(*"MJPG"), RATE, (WIDTH, HEIGHT))
-    for image in [*pictures, *reversed(pictures)]:
+    for image in [*shown, *reversed(shown)]:
         writer.write(np.asarray(image))
     writer.release()
     part.rename(path)

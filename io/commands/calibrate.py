@@ -137,9 +137,9 @@ def _calibrate_each(
 
 def _show(rig: Rig, output: Path, as_json: bool) -> None:
     if as_json:
-        import json
+        from quadrig.io.export.values import json_text
 
-        print(json.dumps(result_values(rig), indent=2))
+        print(json_text(result_values(rig)))
         return
     from quadrig.io.report.table import print_rig
 
@@ -151,10 +151,11 @@ def result_values(rig: Rig) -> dict[str, object]:
     """The values of `rig export --format json`, and with them how well all fits, what is weak, who is missing."""
     from quadrig.io.export.values import rig_values
 
-    figures = {"rms_px": rig.rms, "left_out_rms_px": rig.held_out_rms, "noise_px": rig.noise}
     return {
         **rig_values(rig),
-        **{name: figure if math.isfinite(figure) else None for name, figure in figures.items()},
+        "rms_px": rig.rms,
+        "left_out_rms_px": rig.held_out_rms,
+        "noise_px": rig.noise,
         "views": {camera.name: camera.views for camera in rig.cameras},
         "weak": list(rig.weak),
         "missing": dict(rig.missing),

@@ -1,6 +1,5 @@
 """`rig check`: has a camera of the rig moved?"""
 
-import json
 import sys
 from collections.abc import Sequence
 from dataclasses import replace
@@ -10,6 +9,7 @@ from typing import Annotated
 import numpy as np
 import typer
 
+from quadrig.io.export.values import json_text
 from quadrig.io.rig_file.rig_mcap import RigFile, read_rig_file
 from quadrig.rig.doubt.verdict import out_of_step
 from quadrig.rig.moved import CameraMove, find_moved
@@ -50,7 +50,7 @@ def check(
             "rectangle), so that small moves may be reported that are none",
             file=sys.stderr,
         )
-    print(json.dumps(move_values(moves, false_alarms), indent=2) if as_json else "\n".join(map(sentence, moves)))
+    print(json_text(move_values(moves, false_alarms)) if as_json else "\n".join(map(sentence, moves)))
     if all(move.state == "cannot tell" for move in moves):
         raise QuadrigError(f"{recording[0]}: whether a camera has moved cannot be determined; {moves[0].why}")
     if any(move.state == "moved" for move in moves):
@@ -108,7 +108,7 @@ def spread_runs(count: int, most: int) -> np.ndarray:
 
 
 def move_values(moves: Sequence[CameraMove], false_alarms: float) -> dict:
-    """The answers for programs: lengths in mm, angles in degrees, null where nothing is known."""
+    """The answers for programs: lengths in mm, angles in degrees, nan where nothing is known."""
     return {
         "moved": [move.name for move in moves if move.state == "moved"],
         "false_alarms": false_alarms,
@@ -130,13 +130,14 @@ def sentence(move: CameraMove) -> str:
 
 
 def _values(move: CameraMove) -> dict:
-    figures = {
+    return {
+        "state": move.state,
         "shift_mm": 1e3 * move.shift,
         "shift_sigma_mm": 1e3 * move.shift_sigma,
         "turn_deg": np.degrees(move.rotation),
         "turn_sigma_deg": np.degrees(move.rotation_sigma),
         "chance": move.chance,
         "would_be_found_mm": 1e3 * move.found,
+        "instead": list(move.instead),
+        "why": move.why,
     }
-    values = {name: float(figure) if np.isfinite(figure) else None for name, figure in figures.items()}
-    return {"state": move.state, **values, "instead": list(move.instead), "why": move.why}

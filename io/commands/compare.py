@@ -1,12 +1,12 @@
 """`rig compare`: two calibrations of one rig."""
 
-import json
 from pathlib import Path
 from typing import Annotated
 
 import numpy as np
 import typer
 
+from quadrig.io.export.values import json_text
 from quadrig.io.rig_file.rig_mcap import read_rig
 from quadrig.io.viewer import show as rerun_show
 from quadrig.rig.comparison import CameraDifference, Comparison
@@ -33,7 +33,7 @@ def compare(
     a, b = read_rig(first), read_rig(second)
     found = compare_rigs(a, b)
     if as_json:
-        print(json.dumps(comparison_values(found), indent=2))
+        print(json_text(comparison_values(found)))
     else:
         _print(found)
     if web or save or screenshot:
@@ -47,7 +47,7 @@ def comparison_values(found: Comparison) -> dict:
         "a_from_b": found.first_from_second.matrix().tolist(),
         "only_a": list(found.only_first),
         "only_b": list(found.only_second),
-        "chance": _number(found.chance),
+        "chance": found.chance,
     }
 
 
@@ -89,7 +89,7 @@ def _print(found: Comparison) -> None:
 
 
 def _values(one: CameraDifference) -> dict:
-    figures = {
+    return {
         "focal_px": one.focal,
         "focal_sigma_px": one.focal_sigma,
         "shift_mm": 1e3 * one.shift,
@@ -99,11 +99,6 @@ def _values(one: CameraDifference) -> dict:
         "sigmas": one.sigmas,
         "chance": one.chance,
     }
-    return {name: _number(figure) for name, figure in figures.items()}
-
-
-def _number(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None
 
 
 def _shown(first: Rig, second: Rig, found: Comparison) -> rerun_show.Shown:

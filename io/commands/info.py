@@ -1,11 +1,11 @@
 """`rig info`: what a recording holds, which topics are cameras, what would be used."""
 
-import json
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
+from quadrig.io.export.values import json_text, rig_values
 from quadrig.io.recording.framesets import CameraReport, Framesets, build_framesets
 from quadrig.io.recording.mcap_reader import index_mcap, is_mcap
 from quadrig.io.recording.recorded_cameras import RecordedCamera, Recording, open_recording
@@ -32,7 +32,7 @@ def info(
         raise
     framesets = build_framesets(opened, tolerance, quick=True)
     if as_json:
-        print(json.dumps(_as_json(opened, framesets), indent=2))
+        print(json_text(_as_json(opened, framesets)))
         return
     _print(opened, framesets)
 
@@ -48,9 +48,7 @@ def _print_rig(path: Path, as_json: bool) -> None:
 
     rig = read_rig(path)
     if as_json:
-        from quadrig.io.export.values import rig_values
-
-        print(json.dumps(rig_values(rig), indent=2))
+        print(json_text(rig_values(rig)))
         return
     from quadrig.io.report.table import print_rig
 

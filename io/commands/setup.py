@@ -1,6 +1,5 @@
 """`rig setup`: calibrate live cameras, coached."""
 
-import json
 import re
 import select
 import sys
@@ -11,6 +10,7 @@ from typing import Annotated
 import typer
 
 from quadrig.io.config.rig_toml import RigConfig, read_config
+from quadrig.io.export.values import json_text
 from quadrig.io.live.capture.source import Pace
 from quadrig.io.live.capture.source_spec import SourceSpec, parse_source
 from quadrig.io.live.display import Screen
@@ -219,7 +219,7 @@ def _as_json(result: SetupResult, output: Path, plan: SetupPlan) -> str:
     rig = result.rig
     assert rig is not None
     latencies = sorted(result.latencies)
-    return json.dumps(
+    return json_text(
         {
             "working_accuracy_mm": 1000 * rig.working_accuracy,
             "cameras": [camera.name for camera in rig.cameras],
@@ -237,5 +237,4 @@ def _as_json(result: SetupResult, output: Path, plan: SetupPlan) -> str:
             "report": str(output.with_suffix(".html")),
             "recording": str(plan.recording),
         },
-        indent=2,
     )

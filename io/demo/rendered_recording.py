@@ -1,6 +1,6 @@
 """The demo: pictures of a scene into a recording, and a Rig held against the scene's truth."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,18 +14,18 @@ from quadrig.io.recording.convert import image_writer
 from quadrig.io.whole_file import written_beside
 from quadrig.io.workers import run_tasks
 from quadrig.rig.result import Rig
-from quadrig.single.arrays import Floats
+from quadrig.single.arrays import Floats, Picture
 from quadrig.single.pose import Pose
 from quadrig.single.render.capture import Capture
-from quadrig.single.render.picture import RayGrid, backdrop, ray_grid, render_image
+from quadrig.single.render.picture import backdrop, ray_grid, render_image
 
 # What a usual industrial camera does to light.
 _CAPTURE = Capture(blur=0.6, noise=1.5, exposure=1.25, vignetting=0.15)
 _JPEG_QUALITY = 95
 # 2026-01-01T00:00:00 UTC; a picture every fifth of a second, stamped up to 2 ms apart by the cameras.
 _START, _PERIOD, _JITTER = 1_767_225_600_000_000_000, 200_000_000, 2_000_000
-# A camera's rays take a second to compute: its pictures go to one process in a few tasks, not one by one.
-_BATCH = 6
+# A camera's rays take as long as a dozen of its pictures: they are computed once for so many.
+_BATCH = 48
 # Squared distances in sigmas that hold 99.73 % of errors (what 3 sigma hold of one number), for 1 and 3 numbers.
 _BOUND = {1: 9.0, 3: 14.16}
 
@@ -69,31 +69,28 @@ def write_demo_recording(path: Path, scene: Scene, workers: int | None = None, p
     framesets = range(len(scene.board_poses))
     batches = [tuple(framesets[i : i + _BATCH]) for i in range(0, len(framesets), _BATCH)]
     tasks = [_Task(camera, scene, batch) for camera in scene.cameras for batch in batches]
-    pictures: dict[tuple[int, str], bytes] = {}
+    taken: dict[tuple[int, str], bytes] = {}
     with progress_bar("render", len(framesets) * len(scene.cameras), "images", quiet=not progress) as advance:
         for index, jpegs in run_tasks(_render_batch, tasks, workers):
             task = tasks[index]
             for frameset, jpeg in zip(task.framesets, jpegs, strict=True):
-                pictures[_stamp(scene, task.camera, frameset), task.camera.name] = jpeg
+                taken[_stamp(scene, task.camera, frameset), task.camera.name] = jpeg
             advance(len(jpegs))
     with written_beside(path) as beside, beside.open("wb") as stream:
         write, finish = image_writer(stream, "ros2")
-        for (stamp, name), jpeg in sorted(pictures.items()):
+        for (stamp, name), jpeg in sorted(taken.items()):
             write(name, stamp, "jpeg", jpeg)
         finish()
 
 
-def picture(camera: SceneCamera, scene: Scene, frameset: int) -> Floats:
-    """What a camera of the scene takes in a frameset, uint8 (h, w, 3) blue green red."""
-    grid, empty_room = _still(camera)
-    return render_image(
-        grid,
-        camera.world_from_camera.inverse(),
-        scene.sheets(frameset),
-        background=empty_room,
-        capture=_CAPTURE,
-        rng=np.random.default_rng([frameset, *camera.name.encode()]),
-    )
+def pictures(camera: SceneCamera, scene: Scene, framesets: Iterable[int]) -> Iterator[Picture]:
+    """What a camera of the scene takes in these framesets, each (h, w, 3) blue green red."""
+    grid, camera_from_world = ray_grid(camera.intrinsics), camera.world_from_camera.inverse()
+    empty_room = backdrop(grid, camera_from_world, ROOM)
+    for frameset in framesets:
+        rng = np.random.default_rng([frameset, *camera.name.encode()])
+        sheets = scene.sheets(frameset)
+        yield render_image(grid, camera_from_world, sheets, background=empty_room, capture=_CAPTURE, rng=rng)
 
 
 def compare_with_truth(rig: Rig, scene: Scene) -> tuple[Comparison, ...]:
@@ -140,30 +137,13 @@ def _holds(error: Floats, covariance: Floats) -> bool:
 
 def _render_batch(task: _Task) -> list[bytes]:
     cv2.setNumThreads(1)
-    jpegs = []
-    for frameset in task.framesets:
-        image = picture(task.camera, task.scene, frameset)
-        jpegs.append(cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])[1].tobytes())
-    return jpegs
+    return [
+        cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])[1].tobytes()
+        for image in pictures(task.camera, task.scene, task.framesets)
+    ]
 
 
 def _stamp(scene: Scene, camera: SceneCamera, frameset: int) -> int:
     index = [one.name for one in scene.cameras].index(camera.name)
     jitter = np.random.default_rng([frameset, index]).uniform(-_JITTER, _JITTER)
     return _START + frameset * _PERIOD + int(jitter)
-
-
-# Rays and empty room of the cameras that this process renders; a camera is known by its lens and pose.
-_stills: dict[tuple[bytes, bytes], tuple[RayGrid, Floats]] = {}
-
-
-def _still(camera: SceneCamera) -> tuple[RayGrid, Floats]:
-    """What does not change while a camera stands: its rays and the empty room as it sees it."""
-    key = camera.intrinsics.parameters.tobytes(), camera.world_from_camera.matrix().tobytes()
-    if key not in _stills:
-        # One camera's take 20 MB: those of the last two are kept.
-        while len(_stills) > 1:
-            _stills.pop(next(iter(_stills)))
-        grid = ray_grid(camera.intrinsics)
-        _stills[key] = grid, backdrop(grid, camera.world_from_camera.inverse(), ROOM)
-    return _stills[key]

@@ -33,6 +33,13 @@ def outlines(placed: PlacedRectangle) -> Floats:
     return batch[:, None].transform(placed.rectangle.corners[RING])
 
 
+def dense_outline(corners: Floats, side_points: int) -> Floats:
+    """Points (4 N, 3) along the sides between corners (4, 3), N on each, from its first corner on."""
+    along = np.linspace(0, 1, side_points, endpoint=False)[:, None]
+    sides = np.roll(corners, -1, axis=0) - corners
+    return (corners[:, None] + along * sides[:, None]).reshape(-1, 3)
+
+
 def positions(rig: Rig) -> Floats:
     """Camera positions (C, 3) in the rig frame."""
     return np.array([camera.rig_from_camera.translation for camera in rig.cameras]).reshape(-1, 3)

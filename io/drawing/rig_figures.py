@@ -4,9 +4,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from quadrig.io.drawing.geometry import (
-    round_down,
-)
+from quadrig.io.drawing.geometry import dense_outline, round_down
 from quadrig.rig.doubt.disagreement import Disagreement
 from quadrig.rig.doubt.residual_field import ResidualField
 from quadrig.rig.result import Camera, Rig, ViewFit, placed_pose
@@ -41,10 +39,7 @@ def predicted_outline(rig: Rig, camera: Camera, fit: ViewFit) -> Floats | None:
     rectangle = next((placed.rectangle for placed in rig.rectangles if placed.name == fit.view.rectangle), None)
     if pose is None or rectangle is None:
         return None
-    corners = rectangle.corners
-    along = np.linspace(0, 1, _SIDE_POINTS, endpoint=False)[:, None]
-    sides = [a + along * (b - a) for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True)]
-    ring = np.concatenate([*sides, corners[:1]])
+    ring = np.concatenate([dense_outline(rectangle.corners, _SIDE_POINTS), rectangle.corners[:1]])
     pixels = camera.intrinsics.project((camera.rig_from_camera.inverse() @ pose).transform(ring))
     return pixels if np.isfinite(pixels).all() else None
 

@@ -11,7 +11,12 @@ Files = dict[str, str]
 
 def json_files(rig: Rig) -> Files:
     """Everything a program needs, with sigmas, as JSON; what is not determined is null."""
-    return {"rig.json": json.dumps(rig_values(rig), indent=2) + "\n"}
+    return {"rig.json": json_text(rig_values(rig)) + "\n"}
+
+
+def json_text(values: object) -> str:
+    """JSON of nested values and arrays; JSON has no nan and no infinity, which become null."""
+    return json.dumps(_plain(values), indent=2)
 
 
 def rig_values(rig: Rig) -> dict:
@@ -19,7 +24,7 @@ def rig_values(rig: Rig) -> dict:
     return {
         "rig_frame": rig.reference,
         "cameras": {camera.name: _camera_values(rig, camera) for camera in rig.cameras},
-        "working_accuracy_mm": _number(1e3 * rig.working_accuracy),
+        "working_accuracy_mm": 1e3 * rig.working_accuracy,
         "rectangles": {placed.name: _rectangle_values(placed) for placed in rig.rectangles},
     }
 
@@ -34,11 +39,11 @@ def _camera_values(rig: Rig, camera: Camera) -> dict:
         "distortion": lens.distortion.tolist(),
         "rig_from_camera": camera.rig_from_camera.matrix().tolist(),
         "sigma": {
-            "focal_px": _number(rig.focal_sigma(camera.name)),
-            "rotation_deg": _number(np.degrees(rig.rotation_sigma(camera.name))),
-            "position_m": _number(rig.position_sigma(camera.name)),
+            "focal_px": rig.focal_sigma(camera.name),
+            "rotation_deg": np.degrees(rig.rotation_sigma(camera.name)),
+            "position_m": rig.position_sigma(camera.name),
         },
-        "rms_px": _number(camera.rms),
+        "rms_px": camera.rms,
     }
 
 
@@ -51,5 +56,15 @@ def _rectangle_values(placed: PlacedRectangle) -> dict:
     return {**values, "framesets": np.asarray(placed.framesets).tolist()} if placed.rectangle.moving else values
 
 
-def _number(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None
+def _plain(value: object) -> object:
+    match value:
+        case dict():
+            return {key: _plain(item) for key, item in value.items()}
+        case np.ndarray():
+            return _plain(value.tolist())
+        case list() | tuple():
+            return [_plain(item) for item in value]
+        case float() | np.floating():
+            return float(value) if np.isfinite(value) else None
+        case _:
+            return value

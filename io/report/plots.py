@@ -25,7 +25,8 @@ def level_view(rig: Rig, rows: tuple[int, int], title: str, labels: tuple[str, s
     axes = level_axes(rig)[list(rows)]
     every = np.concatenate([positions(rig), *(outlines(p).reshape(-1, 3) for p in rig.rectangles)]) @ axes.T
     every = every[np.isfinite(every).all(axis=1)]
-    margin = 0.12 * extent(rig)
+    size, doubt_scale = extent(rig), magnification(rig)
+    margin = 0.12 * size
     low, high = every.min(axis=0) - margin, every.max(axis=0) + margin
     plot = Plot((low[0], high[0]), (low[1], high[1]), 520, 400, labels[0], labels[1], equal=True)
     for placed in rig.rectangles:
@@ -37,23 +38,29 @@ def level_view(rig: Rig, rows: tuple[int, int], title: str, labels: tuple[str, s
         if not placed.rectangle.moving:
             plot.text(rings[0, :4].mean(axis=0) @ axes.T, placed.name, colour)
     for camera, colour in zip(rig.cameras, rig_colours(rig).values(), strict=True):
-        _draw_camera(plot, rig, camera, colour, axes)
+        _draw_camera(plot, camera, colour, axes, 0.09 * size)
+        covariance = doubt_scale**2 * rig.pose_covariance(camera.name)[3:, 3:]
+        _draw_ellipse(plot, camera, colour, axes, covariance)
     return plot.svg(title)
 
 
-def _draw_camera(plot: Plot, rig: Rig, camera: Camera, colour: Colour, axes: Floats) -> None:
+def _draw_camera(plot: Plot, camera: Camera, colour: Colour, axes: Floats, size: float) -> None:
+    """A camera with its view, so many metres long."""
     lens, pose = camera.intrinsics, camera.rig_from_camera
-    size = 0.09 * extent(rig)
     sides = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * [lens.width / 2, lens.height / 2] / lens.focal
     tips = pose.transform(size * np.column_stack([sides, np.ones(4)])) @ axes.T
     eye = pose.translation @ axes.T
     plot.line(tips, hexadecimal(colour), 1.2, closed=True)
     plot.segments(np.tile(eye, (4, 1)), tips, hexadecimal(colour), 1.2)
-    covariance = axes @ rig.pose_covariance(camera.name)[3:, 3:] @ axes.T
-    sizes, directions = np.linalg.eigh(covariance)
+
+
+def _draw_ellipse(plot: Plot, camera: Camera, colour: Colour, axes: Floats, covariance: Floats) -> None:
+    """A camera's name and position, and the ellipse of a covariance (3, 3) of the position."""
+    eye = camera.rig_from_camera.translation @ axes.T
+    sizes, directions = np.linalg.eigh(axes @ covariance @ axes.T)
     angle = np.linspace(0, 2 * np.pi, 40)
-    round_ = np.stack([np.cos(angle), np.sin(angle)], axis=1) * np.sqrt(np.maximum(sizes, 0)) * magnification(rig)
-    plot.line(eye + round_ @ directions.T, hexadecimal(colour), 1.0, closed=True, fill=hexadecimal(colour) + "40")
+    ring = np.stack([np.cos(angle), np.sin(angle)], axis=1) * np.sqrt(np.maximum(sizes, 0))
+    plot.line(eye + ring @ directions.T, hexadecimal(colour), 1.0, closed=True, fill=hexadecimal(colour) + "40")
     plot.dots(eye[None], hexadecimal(colour), 2.5)
     plot.text(eye, camera.name, hexadecimal(colour))
 

@@ -1,10 +1,10 @@
 """What one picture shows of its camera, as lines for people and as JSON for programs."""
 
-import json
 from collections.abc import Sequence
 
 import numpy as np
 
+from quadrig.io.export.values import json_text
 from quadrig.single.arrays import Floats
 from quadrig.single.calibration import Calibration
 from quadrig.single.rectangle import Rectangle
@@ -90,7 +90,7 @@ def json_report(
         "twin": twin,
         "notes": [*remarks, *calibration.notes],
     }
-    return json.dumps(_plain(values), indent=2)
+    return json_text(values)
 
 
 def _twin_line(calibration: Calibration) -> str:
@@ -109,16 +109,3 @@ def _tilt(calibration: Calibration) -> float:
 
 def _list(values: Floats, digits: int) -> str:
     return ", ".join(f"{value:.{digits}f}" for value in values)
-
-
-def _plain(value):
-    """Arrays to lists and numbers to what JSON can hold."""
-    if isinstance(value, dict):
-        return {key: _plain(item) for key, item in value.items()}
-    if isinstance(value, np.ndarray):
-        return _plain(value.tolist())
-    if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
-    if isinstance(value, float | np.floating):
-        return float(value) if np.isfinite(value) else None
-    return value

@@ -15,6 +15,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
+from quadrig.io.drawing.geometry import dense_outline
 from quadrig.io.rig_file.record import (
     RECORD_FORMAT,
     FitRecord,
@@ -186,10 +187,8 @@ def _outline(placed: PlacedRectangle, time: int) -> Any:
     from foxglove_schemas_protobuf.PackedElementField_pb2 import PackedElementField
     from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
 
-    corners = placed.rectangle.corners
-    along = np.linspace(0, 1, _OUTLINE_POINTS, endpoint=False)[:, None]
-    sides = [a + along * (b - a) for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True)]
-    message = PointCloud(frame_id=placed.name, point_stride=12, data=np.concatenate(sides).astype("<f4").tobytes())
+    points = dense_outline(placed.rectangle.corners, _OUTLINE_POINTS).astype("<f4")
+    message = PointCloud(frame_id=placed.name, point_stride=12, data=points.tobytes())
     message.timestamp.FromNanoseconds(time)
     message.pose.orientation.w = 1
     for index, name in enumerate("xyz"):

@@ -13,7 +13,7 @@ from quadrig.io.recording.recorded_cameras import Recording
 from quadrig.io.search.effort import EVERY_IMAGE, Effort
 from quadrig.io.workers import run_tasks
 from quadrig.rig.coach.select_frames import Looks, choose_framesets
-from quadrig.single.arrays import Floats, Ints
+from quadrig.single.arrays import Floats, Ints, Singles
 
 # A JPEG shrinks to a quarter while it is decoded, in a third of the time; motion and focus still show.
 _SHRINK = 4
@@ -70,7 +70,7 @@ def look_at(recording: Recording, framesets: Framesets, effort: Effort = EVERY_I
     return Looks(thumbnails, sharpness)
 
 
-def _look(batch: _Batch) -> tuple[Floats, Floats]:
+def _look(batch: _Batch) -> tuple[Singles, Floats]:
     """Thumbnails (N, h, w) and sharpness (N,) of the images of a batch; nan where they are unreadable."""
     small = np.full((len(batch.images), _SIZE[1], _SIZE[0]), np.nan, np.float32)
     sharp = np.full(len(batch.images), np.nan)
