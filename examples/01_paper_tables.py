@@ -14,20 +14,25 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from quadrig.single.calibration import calibrate_view
-from quadrig.single.detect.image_search import detect_views
-from quadrig.single.lens import Intrinsics
+from quadrig.single import (
+    Intrinsics,
+    Pose,
+    Rectangle,
+    Sheet,
+    View,
+    calibrate_view,
+    closed_form,
+    cramer_rao,
+    detect_views,
+    render_image,
+)
 from quadrig.single.marking import ChessboardMarking
-from quadrig.single.pose import Pose
-from quadrig.single.rectangle import Rectangle, rectangle_corners
+from quadrig.single.rectangle import rectangle_corners
 from quadrig.single.render.capture import Capture
-from quadrig.single.render.picture import Sheet, render_image
 from quadrig.single.rotation import angles_from_rotation, rotation_from_angles
-from quadrig.single.solve.closed_form import closed_form
-from quadrig.single.solve.cramer_rao import MEAN_ABSOLUTE, cramer_rao, paper_sigmas
+from quadrig.single.solve.cramer_rao import MEAN_ABSOLUTE, paper_sigmas
 from quadrig.single.solve.maximum_likelihood import solve_points
 from quadrig.single.solve.paper_form import paper_form
-from quadrig.single.view import View
 
 ROWS = ("T_X", "T_Y", "T_Z", "theta_x", "theta_y", "theta_z", "f")
 

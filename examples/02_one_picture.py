@@ -7,14 +7,9 @@ Here the picture is rendered, so that the truth is known; with a photograph cv2.
 
 import numpy as np
 
-from quadrig.single.calibration import calibrate_view
-from quadrig.single.detect.image_search import detect_views
-from quadrig.single.lens import Intrinsics
+from quadrig.single import Intrinsics, Pose, Rectangle, Sheet, calibrate_view, detect_views, render_image
 from quadrig.single.marking import TagMarking
-from quadrig.single.pose import Pose
-from quadrig.single.rectangle import Rectangle
 from quadrig.single.render.capture import Capture
-from quadrig.single.render.picture import Sheet, render_image
 
 
 def main() -> None:

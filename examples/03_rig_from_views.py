@@ -7,13 +7,9 @@ Two cameras see one board in twenty poses. The pixels are the truth's, with 0.2 
 
 import numpy as np
 
-from quadrig.rig.calibration import calibrate
-from quadrig.rig.problem.camera_input import CameraInput
-from quadrig.single.lens import Intrinsics
+from quadrig.rig import CameraInput, calibrate
+from quadrig.single import Intrinsics, Pose, Rectangle, View
 from quadrig.single.marking import ChessboardMarking, board_points
-from quadrig.single.pose import Pose
-from quadrig.single.rectangle import Rectangle
-from quadrig.single.view import View
 
 NOISE = 0.2
 

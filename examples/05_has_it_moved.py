@@ -16,9 +16,9 @@ import numpy as np
 
 from quadrig.io import write_rig
 from quadrig.io.commands.main import run
-from quadrig.rig.result import CAMERA_PARAMETERS, Camera, Rig
-from quadrig.single.lens import Intrinsics
-from quadrig.single.pose import Pose
+from quadrig.rig import Camera, Rig
+from quadrig.rig.result import CAMERA_PARAMETERS
+from quadrig.single import Intrinsics, Pose
 
 CONFIG = """reference = "camera_00"
 [[rectangle]]

@@ -13,22 +13,12 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from quadrig.rig.calibration import calibrate
-from quadrig.rig.coach.advice import Advice, Situation, advise
-from quadrig.rig.coach.conversation import Coach
-from quadrig.rig.problem.camera_input import CameraInput
-from quadrig.rig.result import Rig
-from quadrig.single.arrays import Floats
-from quadrig.single.detect.image_search import detect_views
-from quadrig.single.errors import QuadrigError
-from quadrig.single.lens import Intrinsics
+from quadrig.rig import Advice, CameraInput, Coach, Rig, Situation, advise, calibrate
+from quadrig.single import Floats, Intrinsics, Pose, QuadrigError, Rectangle, Sheet, View, detect_views, render_image
 from quadrig.single.marking import TagMarking
-from quadrig.single.pose import Pose
-from quadrig.single.rectangle import Rectangle
 from quadrig.single.render.capture import Capture
-from quadrig.single.render.picture import Sheet, ray_grid, render_image
+from quadrig.single.render.picture import ray_grid
 from quadrig.single.rotation import rotation_from_vector
-from quadrig.single.view import View
 
 TARGET = 0.001
 MOST_FRAMESETS = 60

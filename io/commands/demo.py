@@ -12,14 +12,9 @@ from rich.table import Table
 
 from quadrig.io.commands.calibrate import result_values
 from quadrig.io.config.rig_toml import read_config, write_config
-from quadrig.io.demo.rendered_recording import (
-    Comparison,
-    all_within,
-    compare_with_truth,
-    demo_config,
-    write_demo_recording,
-)
+from quadrig.io.demo.rendered_recording import demo_config, write_demo_recording
 from quadrig.io.demo.scene import Scene, demo_scene
+from quadrig.io.demo.truth import TruthCheck, all_within, compare_with_truth
 from quadrig.io.report.table import console, print_rig, with_sigma
 from quadrig.io.rig_file.rig_mcap import read_rig_file, write_rig
 from quadrig.io.search.effort import Effort
@@ -90,7 +85,7 @@ def _show(rig: Rig, scene: Scene, written: Sequence[Path], as_json: bool) -> Non
     where.print("\nwritten: " + ", ".join(str(path) for path in written))
 
 
-def _truth_values(one: Comparison) -> dict[str, object]:
+def _truth_values(one: TruthCheck) -> dict[str, object]:
     return {
         "focal_px": one.focal_truth,
         "position_error_m": one.position_error,
@@ -99,7 +94,7 @@ def _truth_values(one: Comparison) -> dict[str, object]:
     }
 
 
-def _truth_table(rig: Rig, compared: Sequence[Comparison]) -> Table:
+def _truth_table(rig: Rig, compared: Sequence[TruthCheck]) -> Table:
     table = Table(box=None, pad_edge=False, header_style="bold")
     table.add_column("camera", no_wrap=True)
     headings = ("focal px", "truth", "position off", "± sigma", "rotation off", "± sigma", "truth within sigma")
@@ -122,6 +117,6 @@ def _truth_table(rig: Rig, compared: Sequence[Comparison]) -> Table:
     return table
 
 
-def _verdict(one: Comparison) -> str:
+def _verdict(one: TruthCheck) -> str:
     outside = [n for n, w in zip(("focal", "position", "rotation"), one.within, strict=True) if not w]
     return "not " + ", ".join(outside) if outside else "yes"

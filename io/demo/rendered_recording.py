@@ -1,6 +1,6 @@
-"""The demo: pictures of a scene into a recording, and a Rig held against the scene's truth."""
+"""The demo's recording: pictures of a scene, rendered."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,9 +13,7 @@ from quadrig.io.progress import progress_bar
 from quadrig.io.recording.convert import image_writer
 from quadrig.io.whole_file import written_beside
 from quadrig.io.workers import run_tasks
-from quadrig.rig.result import Rig
-from quadrig.single.arrays import Floats, Picture
-from quadrig.single.pose import Pose
+from quadrig.single.arrays import Picture
 from quadrig.single.render.capture import Capture
 from quadrig.single.render.picture import backdrop, ray_grid, render_image
 
@@ -26,8 +24,6 @@ _JPEG_QUALITY = 95
 _START, _PERIOD, _JITTER = 1_767_225_600_000_000_000, 200_000_000, 2_000_000
 # A camera's rays take as long as a dozen of its pictures: they are computed once for so many.
 _BATCH = 48
-# Squared distances in sigmas that hold 99.73 % of errors (what 3 sigma hold of one number), for 1 and 3 numbers.
-_BOUND = {1: 9.0, 3: 14.16}
 
 
 @dataclass(frozen=True)
@@ -35,25 +31,6 @@ class _Task:
     camera: SceneCamera
     scene: Scene
     framesets: tuple[int, ...]
-
-
-@dataclass(frozen=True)
-class Comparison:
-    """One camera of a Rig against the truth.
-
-    focal, focal_sigma, focal_truth: px. position_error, position_sigma: m; rotation_error, rotation_sigma: rad; of
-    rig_from_camera. within: whether focal, position and rotation each lie where 99.73 % of them should.
-    """
-
-    camera: str
-    focal: float
-    focal_sigma: float
-    focal_truth: float
-    position_error: float
-    position_sigma: float
-    rotation_error: float
-    rotation_sigma: float
-    within: tuple[bool, bool, bool]
 
 
 def demo_config(scene: Scene) -> RigConfig:
@@ -91,48 +68,6 @@ def pictures(camera: SceneCamera, scene: Scene, framesets: Iterable[int]) -> Ite
         rng = np.random.default_rng([frameset, *camera.name.encode()])
         sheets = scene.sheets(frameset)
         yield render_image(grid, camera_from_world, sheets, background=empty_room, capture=_CAPTURE, rng=rng)
-
-
-def compare_with_truth(rig: Rig, scene: Scene) -> tuple[Comparison, ...]:
-    """Each camera of the rig against the scene that it was calibrated from."""
-    truth = {camera.name: camera for camera in scene.cameras}
-    rig_from_world = truth[rig.reference].world_from_camera.inverse()
-    return tuple(
-        _compare(rig, camera.name, truth[camera.name], rig_from_world @ truth[camera.name].world_from_camera)
-        for camera in rig.cameras
-    )
-
-
-def all_within(comparisons: Sequence[Comparison]) -> bool:
-    """Whether the truth lies within the sigmas throughout."""
-    return all(all(one.within) for one in comparisons)
-
-
-def _compare(rig: Rig, name: str, truth: SceneCamera, rig_from_camera: Pose) -> Comparison:
-    camera = rig.camera(name)
-    step = camera.rig_from_camera.step_to(rig_from_camera)
-    covariance = rig.pose_covariance(name)
-    focal_sigma = rig.focal_sigma(name)
-    focal_error = camera.intrinsics.focal - truth.intrinsics.focal
-    return Comparison(
-        name,
-        camera.intrinsics.focal,
-        focal_sigma,
-        truth.intrinsics.focal,
-        float(np.linalg.norm(step[3:])),
-        rig.position_sigma(name),
-        float(np.linalg.norm(step[:3])),
-        rig.rotation_sigma(name),
-        (
-            _holds(np.array([focal_error]), np.array([[focal_sigma**2]])),
-            name == rig.reference or _holds(step[3:], covariance[3:, 3:]),
-            name == rig.reference or _holds(step[:3], covariance[:3, :3]),
-        ),
-    )
-
-
-def _holds(error: Floats, covariance: Floats) -> bool:
-    return bool(error @ np.linalg.solve(covariance, error) < _BOUND[len(error)])
 
 
 def _render_batch(task: _Task) -> list[bytes]:
