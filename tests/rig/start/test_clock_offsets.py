@@ -9,7 +9,7 @@ from quadrig.rig.adjustment.motion import motion
 from quadrig.rig.calibration import calibrate
 from quadrig.rig.problem.build import build_problem
 from quadrig.rig.problem.camera_input import CameraInput
-from quadrig.rig.start.clock_offsets import regroup
+from quadrig.rig.start.clock_offsets import path_offsets, regroup
 from quadrig.single.lens import Intrinsics
 from quadrig.single.marking import board_points
 from quadrig.single.pose import Pose
@@ -106,10 +106,13 @@ def test_offsets_cost_less_than_a_fifth_of_the_accuracy():
     assert late < 1.2 * ideal
 
 
-def test_small_offsets_are_found_too():
-    rig = calibrate(INPUTS, [BOARD], taken(OFFSETS / 4)[1], "a")
+@pytest.mark.parametrize("scale", [0.25, 4.0])
+def test_small_and_large_offsets_are_found_too(scale):
+    """A quarter of a frame, and five frames, which only the paths bring together."""
+    rig = calibrate(INPUTS, [BOARD], taken(scale * OFFSETS)[1], "a")
     found = np.array([rig.camera(name).clock_offset for name in NAMES])
-    assert found - found[0] == pytest.approx(OFFSETS / 4, abs=0.5e-3)
+    assert found - found[0] == pytest.approx(scale * OFFSETS, abs=0.5e-3)
+    assert rig.noise == pytest.approx(NOISE, rel=0.05)
 
 
 def test_clocks_that_agree_are_left_alone():
@@ -170,3 +173,67 @@ def test_only_differences_of_clocks_count():
     assert moved is not None
     assert np.count_nonzero(moved.observable) == 3
     assert np.count_nonzero(moved.free) == 2
+
+
+def walked(offsets, rng, noise=0.003, path=lambda t: board_at(t).translation, seconds=2 * SECONDS):
+    """A problem of stamped Views of the board, and where each camera has it, m: its middle, with noise."""
+    count = round(RATE * seconds)
+    views, positions = [], []
+    for name, phase, offset in zip(NAMES, PHASES, offsets, strict=True):
+        views += [View("board", POINTS, POINTS[:, :2], name, k, time=k / RATE + phase - offset) for k in range(count)]
+    problem = build_problem(INPUTS, [BOARD], views)
+    for view in problem.views:
+        camera = NAMES.index(view.camera)
+        seen = WORLD_FROM_CAMERA[camera].inverse().transform(path(view.time + offsets[camera]))
+        positions.append(seen + noise * rng.normal(size=3))
+    return problem, np.array(positions)
+
+
+@pytest.mark.parametrize("scale", [1.0, 4.0])
+def test_paths_tell_clocks_apart(scale):
+    problem, positions = walked(scale * OFFSETS, np.random.default_rng(5))
+    found = path_offsets(problem, positions)
+    assert found == pytest.approx(scale * (OFFSETS - OFFSETS.mean()), abs=2e-3)
+    # Lenses known roughly stretch a path and shear it.
+    bent = positions * [1.02, 0.97, 1.2] + 0.05 * positions[:, ::-1]
+    assert path_offsets(problem, bent) == pytest.approx(found, abs=1e-3)
+    # Poses of single Views have wild ones among them.
+    wild = positions.copy()
+    wild[::60] += np.random.default_rng(6).normal(size=wild[::60].shape)
+    assert path_offsets(problem, wild) == pytest.approx(found, abs=2e-3)
+
+
+def test_paths_that_show_no_offset_give_none():
+    """Clocks that agree but for noise; a straight walk, which fits itself at any offset; a short one."""
+    agreeing = walked(np.array([0.0, 0.0004, -0.0003]), np.random.default_rng(5), noise=0.01)
+    assert path_offsets(*agreeing).tolist() == [0, 0, 0]
+    straight = walked(OFFSETS, np.random.default_rng(5), path=lambda t: np.array([0.3, -0.1, 0.2]) * t)
+    assert path_offsets(*straight).tolist() == [0, 0, 0]
+    short = walked(OFFSETS, np.random.default_rng(5), seconds=0.5)
+    assert path_offsets(*short).tolist() == [0, 0, 0]
+
+
+def test_views_go_to_the_frameset_nearest_to_when_they_were_taken():
+    problem, _ = walked(4 * OFFSETS, np.random.default_rng(5))
+    moving = [replace(v, pixels=v.pixels + 300 * v.time) for v in problem.views]
+    problem = build_problem(INPUTS, [BOARD], moving)
+    grouped = regroup(problem, 4 * OFFSETS, NOISE)
+    assert grouped is not None
+    np.testing.assert_array_equal(grouped.offsets, 4 * OFFSETS)
+    true = {v: v.time + 4 * OFFSETS[NAMES.index(v.camera)] for v in grouped.views}
+    framesets = {}
+    for view, time in true.items():
+        framesets.setdefault(view.frameset, {})[view.camera] = time
+    # Each camera has one View a frameset, none half a frame from its instant; lost are those that no other has.
+    assert len(true) == sum(len(times) for times in framesets.values()) > 0.9 * len(problem.views)
+    assert max(np.ptp(list(times.values())) for times in framesets.values()) < 1.01 / RATE
+    order = [np.mean(list(times.values())) for _, times in sorted(framesets.items())]
+    assert (np.diff(order) > 0).all()
+
+
+def test_views_stay_where_they_are_when_nothing_moves_by_as_much_as_the_noise():
+    problem, _ = walked(OFFSETS, np.random.default_rng(5))
+    slow = build_problem(INPUTS, [BOARD], [replace(v, pixels=v.pixels + 5 * v.time) for v in problem.views])
+    # 5 px a second in 40 ms are 0.2 px.
+    assert regroup(slow, OFFSETS, 0.3) is None
+    assert regroup(slow, OFFSETS, 0.03) is not None
