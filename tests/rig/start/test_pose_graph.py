@@ -8,10 +8,14 @@ import pytest
 from quadrig.rig.calibration import calibrate
 from quadrig.rig.joint.stages import Joint, solve_jointly
 from quadrig.rig.problem.build import build_problem
+from quadrig.rig.problem.camera_input import CameraInput
 from quadrig.rig.problem.connectivity import components
-from quadrig.rig.start.lenses_and_poses import first_cameras
+from quadrig.rig.start.lenses_and_poses import Candidates, first_cameras
 from quadrig.rig.start.pose_graph import first_rig, relative_poses
+from quadrig.single.pose import Pose
+from quadrig.single.rectangle import Rectangle
 from quadrig.single.rotation import rotation_from_vector
+from quadrig.single.view import View
 
 
 def first_of(made, views=None, reference=0):
@@ -111,3 +115,127 @@ def test_views_that_the_first_lenses_belied_are_taken_back(simulated):
     )
     assert isinstance(joint, Joint)
     assert not joint.inliers.rejected.any()
+
+
+SHEET, TAG = Rectangle("sheet", 0.3, 0.2, moving=True), Rectangle("tag", 0.2, 0.2)
+# Where two cameras have one rectangle pose.
+HERE = Pose.from_vectors(np.array([0.2, 0.1, -0.3]), np.array([0.1, 0.0, 1.5]))
+THERE = Pose.from_vectors(np.array([-0.1, 0.4, 0.2]), np.array([-0.2, 0.1, 1.8]))
+
+
+def told(rows, rectangles=(SHEET, TAG)):
+    """A problem and the candidates of its Views.
+
+    rows: (camera, rectangle, frameset, [(camera_from_node, cost, sigma)]).
+    """
+    views = [View(r, SHEET.corners, SHEET.corners[:, :2], camera, frameset) for camera, r, frameset, _ in rows]
+    names = sorted({camera for camera, *_ in rows})
+    problem = build_problem([CameraInput(name, 640, 480) for name in names], rectangles, views)
+    own = {(camera, rectangle, frameset): found for camera, rectangle, frameset, found in rows}
+    every = [(k, *one) for k, v in enumerate(problem.views) for one in own[v.camera, v.rectangle, v.frameset]]
+    view, poses, cost, sigma = zip(*every, strict=True)
+    batch = Pose(np.stack([p.rotation for p in poses]), np.stack([p.translation for p in poses]))
+    covariance = np.array(sigma)[:, None, None] ** 2 * np.eye(6)
+    return problem, Candidates(np.array(view), np.zeros(len(view), int), batch, covariance, np.array(cost))
+
+
+def turned(pose, angle):
+    return pose.retract(np.array([0, angle, 0, 0, 0, 0]))
+
+
+def test_of_one_rectangle_that_two_cameras_share_the_likeliest_candidates_of_both_decide():
+    twins = [(turned(pose, 0.8), 6.0, 0.001) for pose in (HERE, THERE)]
+    rows = [("a", "sheet", 0, [(HERE, 0.0, 0.001), twins[0]]), ("b", "sheet", 0, [(THERE, 0.0, 0.001), twins[1]])]
+    (relative,) = relative_poses(*told(rows))
+    assert (relative.support, relative.voters) == (1, 1)
+    assert np.abs((HERE @ THERE.inverse()).step_to(relative.left_from_right)).max() < 1e-12
+
+
+def test_candidates_of_more_rectangles_outvote_the_likeliest_of_one():
+    """In each frameset the wrong tilts are the likelier ones, but only the right ones agree with one another."""
+    rows = []
+    for frameset in range(3):
+        moved = Pose.from_vectors(np.array([0.3, -0.2, 0.4]) * frameset, np.array([0.1, 0.2, 0.3]) * frameset)
+        for camera, pose in (("a", HERE @ moved), ("b", THERE @ moved)):
+            wrong = turned(pose, 0.5 + 0.2 * frameset)
+            rows.append((camera, "sheet", frameset, [(wrong, 0.0, 0.001), (pose, 1.0, 0.001)]))
+    problem, candidates = told(rows)
+    (relative,) = relative_poses(problem, candidates)
+    assert (relative.support, relative.voters) == (3, 3)
+    assert np.abs((HERE @ THERE.inverse()).step_to(relative.left_from_right)).max() < 1e-9
+    first = first_rig(problem, candidates, 0)
+    assert first.agrees.all()
+    assert np.abs(first.camera_from_rig[1].step_to(THERE @ HERE.inverse())).max() < 1e-9
+
+
+def test_surer_rectangles_pull_more():
+    """Two framesets, a tenth of a radian apart, one ten times as sure: weights by inverse variance."""
+    sigmas, angle = (0.02, 0.2), 0.1
+    rows = [
+        (camera, "sheet", k, [(turned(pose, angle * k) if camera == "a" else pose, 0.0, sigma)])
+        for k, sigma in enumerate(sigmas)
+        for camera, pose in (("a", HERE), ("b", THERE))
+    ]
+    (relative,) = relative_poses(*told(rows))
+    step = (HERE @ THERE.inverse()).step_to(relative.left_from_right)
+    # Both cameras' three rotations, each with the hundredth that a lens leaves wrong.
+    variance = [2 * (3 * sigma**2 + 0.01**2) for sigma in sigmas]
+    assert np.linalg.norm(step[:3]) == pytest.approx(angle * variance[0] / sum(variance), rel=0.02)
+    assert relative.support == 2
+    one = relative_poses(*told(rows[:2]))[0]
+    assert relative.sigma < one.sigma < 1.02 * relative.sigma
+
+
+def test_a_rectangle_that_one_camera_alone_sees_stands_where_most_of_its_views_have_it():
+    """Another tilt that is a little likelier each time, but another each time."""
+    rows = [
+        ("a", "tag", k, [(turned(HERE, 0.4 + 0.3 * k), 0.0, 0.001)] if k == 2 else [(HERE, 0.0, 0.002)])
+        for k in range(5)
+    ]
+    problem, candidates = told(rows)
+    first = first_rig(problem, candidates, 0)
+    assert np.abs(first.rig_from_node[0].step_to(HERE)).max() < 1e-9
+    assert [view.frameset for view, agrees in zip(problem.views, first.agrees, strict=True) if not agrees] == [2]
+
+
+def test_one_other_camera_says_more_than_many_views_of_the_same():
+    """Camera a sees the tag's twin again and again; b sees it once, and the two are joined by the sheet."""
+    camera_b = THERE @ HERE.inverse()
+    twin = turned(HERE, 0.6)
+    rows = [("a", "tag", k, [(twin, 0.0, 0.001), (HERE, 1.0, 0.001)]) for k in range(6)]
+    rows += [("b", "tag", 0, [(camera_b @ HERE, 0.0, 0.001)])]
+    for k in range(3):
+        moved = Pose.from_vectors(np.array([0.3, -0.2, 0.4]) * k, np.array([0.1, 0.2, 0.3]) * k)
+        rows += [(name, "sheet", 10 + k, [(p @ moved, 0.0, 0.001)]) for name, p in (("a", HERE), ("b", THERE))]
+    problem, candidates = told(rows)
+    first = first_rig(problem, candidates, 0)
+    tag = next(index for index, node in enumerate(problem.nodes) if node.rectangle == "tag")
+    assert np.abs(first.rig_from_node[tag].step_to(HERE)).max() < 1e-6
+    assert first.agrees.all()
+
+
+def test_a_camera_that_nothing_joins_stays_apart():
+    rows = [(name, "sheet", k, [(p, 0.0, 0.001)]) for name, k, p in (("a", 0, HERE), ("b", 0, THERE), ("c", 1, HERE))]
+    first = first_rig(*told(rows), 1)
+    assert first.connected.tolist() == [True, True, False]
+    np.testing.assert_allclose(first.camera_from_rig[1].matrix(), np.eye(4), atol=1e-12)
+
+
+def test_an_edge_that_few_support_is_taken_only_where_no_better_way_leads():
+    """What a and c share disagrees, what each shares with b agrees: c is chained through b."""
+    rng = np.random.default_rng(1)
+    camera_b, camera_c = THERE @ HERE.inverse(), turned(THERE, 0.3) @ HERE.inverse()
+
+    def rows_of(pair, framesets, spoil):
+        for k in framesets:
+            place = HERE @ Pose.from_vectors(0.3 * rng.normal(size=3), 0.3 * rng.normal(size=3))
+            for camera, pose in pair:
+                wrong = pose @ place if not spoil else (pose @ place).retract(0.5 * rng.normal(size=6))
+                yield camera, "sheet", k, [(wrong, 0.0, 0.001)]
+
+    still = Pose.identity()
+    rows = [*rows_of([("a", still), ("b", camera_b)], range(3), False)]
+    rows += [*rows_of([("b", camera_b), ("c", camera_c)], range(3, 6), False)]
+    rows += [*rows_of([("a", still), ("c", camera_c)], range(6, 16), True)]
+    first = first_rig(*told(rows), 0)
+    assert np.abs(first.camera_from_rig[2].step_to(camera_c)).max() < 0.02
