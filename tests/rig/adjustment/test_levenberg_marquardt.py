@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from quadrig.rig.adjustment.levenberg_marquardt import adjust, undamped
+from quadrig.rig.adjustment.levenberg_marquardt import adjust, undamped, with_noise
 from quadrig.rig.adjustment.normal_equations import State
 from quadrig.rig.adjustment.schur import (
     reduced_inverse,
@@ -101,3 +101,45 @@ def test_pinhole_and_fisheye_cameras_are_adjusted_together(states, simulated):
     )
     assert found.costs[-1] < 2 * 2 * observations.count
     assert np.abs(found.state.lens[:, 0] / truth.lens[:, 0] - 1).max() < 0.01
+
+
+def test_a_camera_that_nothing_determines_is_not_solved(states, small):
+    """All its corners are left out and no prior is given: no damping helps, and there is no covariance."""
+    observations, truth = small
+    lost = observations.camera == 2
+    weights = [np.where(lost[g.view][:, None], 0.0, g.weights) for g in observations.groups]
+    without = observations.with_weights(weights)
+    free = states.open_freedom(without, truth)
+    free.prior_information[2] = 0
+    start = states.shaken(truth, np.random.default_rng(8))
+    found = adjust(without, start, free, 0.3, most_steps=60)
+    assert len(found.costs) == 1
+    np.testing.assert_array_equal(found.state.lens, start.lens)
+    with pytest.raises(np.linalg.LinAlgError):
+        reduced_inverse(undamped(found, free))
+
+
+def test_costs_fall_to_what_a_looser_end_only_comes_near(states, small):
+    observations, truth = small
+    free, start = states.open_freedom(observations, truth), states.shaken(truth, np.random.default_rng(9), 0.02)
+    rough, fine = (adjust(observations, start, free, 0.3, tolerance=t) for t in (10.0, 1e-6))
+    assert len(rough.costs) < len(fine.costs)
+    # What a further step was expected to bring is what was given up.
+    assert fine.costs[-1] <= rough.costs[-1] < fine.costs[-1] + 20
+    assert len(adjust(observations, start, free, 0.3, most_steps=2).costs) == 3
+
+
+def test_another_noise_is_the_same_as_having_had_it_from_the_start(states, small):
+    observations, truth = small
+    free = states.open_freedom(observations, truth)
+    found = adjust(observations, truth, free, 0.4)
+    moved, anew = with_noise(found, observations, free, 0.4, 0.3), adjust(observations, truth, free, 0.3)
+    sigma = np.sqrt(np.diagonal(reduced_inverse(undamped(anew, free)))).reshape(len(truth.lens), -1)
+    before, after = (np.abs(f.state.lens - anew.state.lens)[:, :5] / sigma[:, :5] for f in (found, moved))
+    # Priors weigh otherwise then: the minimum moves by tenths of a sigma, of which the second order is left.
+    assert np.median(after) < 0.2 * np.median(before)
+    assert after.max() < 0.05
+    once = np.sqrt(np.diagonal(reduced_inverse(undamped(moved, free)))).reshape(len(truth.lens), -1)
+    # A third less, as the noise is, and but for the second order.
+    np.testing.assert_allclose(once, sigma, rtol=0.02)
+    assert moved.linearised.cost == pytest.approx(anew.linearised.cost, rel=1e-4)
