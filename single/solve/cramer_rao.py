@@ -5,7 +5,7 @@ import numpy as np
 from quadrig.single.arrays import Floats
 from quadrig.single.pose import Pose, inverse_jacobian
 from quadrig.single.rotation import angles_from_rotation, rotation_from_vector
-from quadrig.single.solve.pinhole_model import Problem, covariances, rows, state_of
+from quadrig.single.solve.pinhole_model import PinholeViews, covariances, rows, state_of
 
 # Mean absolute value of a normal error of unit sigma.
 MEAN_ABSOLUTE = float(np.sqrt(2 / np.pi))
@@ -33,7 +33,7 @@ def cramer_rao(
     batch = camera_from_rect.translation.shape[:-1]
     start_focal, centre = rows(focal, batch, ()), rows(principal_point, batch, (2,))
     plane = rows(points, batch, points.shape[-2:])
-    problem = Problem(
+    problem = PinholeViews(
         plane,
         np.zeros((len(plane), 2, 1)),
         centre,

@@ -85,7 +85,7 @@ def fit_lens(
 
 
 @dataclass(frozen=True, eq=False)
-class _Problem:
+class _LensViews:
     """points (V, P, 3) and pixels (V, P, 2), seen (V, P) where they are no padding, sigma (V), free: indices of the
     lens parameters; prior_mean and prior_weight (9): one over the variance, zero where there is no prior."""
 
@@ -106,7 +106,7 @@ def _problem(
     free: Sequence[str],
     sigma: Sequence[float] | float,
     prior: Mapping[str, float],
-) -> _Problem:
+) -> _LensViews:
     most = max((len(p) for p in pixels), default=0)
     padded_points, padded_pixels = np.zeros((len(points), most, 3)), np.zeros((len(points), most, 2))
     seen = np.zeros((len(points), most), bool)
@@ -117,7 +117,7 @@ def _problem(
     weight = np.zeros(9)
     for name, value in prior.items():
         weight[LENS_PARAMETERS.index(name)] = value**-2
-    return _Problem(
+    return _LensViews(
         padded_points,
         padded_pixels,
         seen,
@@ -129,7 +129,7 @@ def _problem(
     )
 
 
-def _linearised(problem: _Problem, lens: Floats, poses: Pose) -> tuple[Floats, Floats, Floats]:
+def _linearised(problem: _LensViews, lens: Floats, poses: Pose) -> tuple[Floats, Floats, Floats]:
     """Residuals (V, P, 2), derivatives of the pixels by the free lens parameters (V, P, 2, n) and by the pose steps
     (V, P, 2, 6), all over sigma; zero where unseen."""
     turned = problem.points @ np.swapaxes(poses.rotation, -1, -2)
@@ -145,12 +145,12 @@ def _linearised(problem: _Problem, lens: Floats, poses: Pose) -> tuple[Floats, F
     return residuals, lens_rows, pose_rows
 
 
-def _chi2(problem: _Problem, lens: Floats, residuals: Floats) -> float:
+def _chi2(problem: _LensViews, lens: Floats, residuals: Floats) -> float:
     prior = float((problem.prior_weight * (lens - problem.prior_mean) ** 2).sum())
     return float((residuals * residuals).sum()) + prior
 
 
-def _blocks(problem: _Problem, lens_rows: Floats, pose_rows: Floats) -> tuple[Floats, Floats, Floats]:
+def _blocks(problem: _LensViews, lens_rows: Floats, pose_rows: Floats) -> tuple[Floats, Floats, Floats]:
     """Blocks of the normal matrix: lens (n, n) with its priors, mixed (V, n, 6), poses (V, 6, 6)."""
     views = len(lens_rows)
     A = lens_rows.reshape(views, 2 * lens_rows.shape[1], len(problem.free))
@@ -160,7 +160,7 @@ def _blocks(problem: _Problem, lens_rows: Floats, pose_rows: Floats) -> tuple[Fl
     return own, A_t @ B, np.swapaxes(B, -1, -2) @ B
 
 
-def _search(problem: _Problem, lens: Floats, poses: Pose) -> tuple[Floats, Pose, float, bool]:
+def _search(problem: _LensViews, lens: Floats, poses: Pose) -> tuple[Floats, Pose, float, bool]:
     residuals, lens_rows, pose_rows = _linearised(problem, lens, poses)
     chi2, damping = _chi2(problem, lens, residuals), Damping.of(_FIRST_DAMPING)
     for _ in range(_MOST_STEPS):
@@ -200,7 +200,7 @@ def _step(
     return lens_step, solved[..., -1] - solved[..., :-1] @ lens_step
 
 
-def _covariances(problem: _Problem, lens: Floats, poses: Pose) -> tuple[Floats, Floats, Floats]:
+def _covariances(problem: _LensViews, lens: Floats, poses: Pose) -> tuple[Floats, Floats, Floats]:
     """Of the lens (9, 9), of each pose (V, 6, 6), and between lens and pose (V, 9, 6)."""
     _, lens_rows, pose_rows = _linearised(problem, lens, poses)
     own, mixed, pose_blocks = _blocks(problem, lens_rows, pose_rows)

@@ -14,14 +14,14 @@ from quadrig.single.pose import Pose
 from quadrig.single.solve import batched_cholesky as triangular
 from quadrig.single.solve.pinhole_model import (
     BLOCK,
-    Problem,
+    PinholeViews,
     covariances,
     derivatives,
     gradient_of,
     mirror_to_front,
     moved,
     normal_matrix,
-    picture_of,
+    projection_of,
     rows,
     state_of,
 )
@@ -81,7 +81,7 @@ def fit_pinhole(
     batch, count = pixels.shape[:-2], pixels.shape[-2]
     members = int(np.prod(batch))
     start_focal = rows(guess.focal, batch, ())
-    problem = Problem(
+    problem = PinholeViews(
         rows(np.asarray(points, float)[..., :2], batch, (count, 2)),
         rows(pixels, batch, (count, 2)),
         rows(principal_point, batch, (2,)),
@@ -109,7 +109,7 @@ def fit_pinhole(
 
 
 def _fit_of(
-    problem: Problem,
+    problem: PinholeViews,
     state: Floats,
     covariance: Floats,
     chi2: Floats,
@@ -133,7 +133,7 @@ def _fit_of(
     )
 
 
-def _search(problem: Problem, state: Floats, limit: int) -> tuple[Floats, Floats, NDArray[np.int16]]:
+def _search(problem: PinholeViews, state: Floats, limit: int) -> tuple[Floats, Floats, NDArray[np.int16]]:
     """Levenberg and Marquardt's method, each member with its own damping; members leave as they converge.
 
     Returns states, chi2 and steps used: `limit` for those that have not converged (chi2 nan where nothing fits).
@@ -142,33 +142,33 @@ def _search(problem: Problem, state: Floats, limit: int) -> tuple[Floats, Floats
     chi2, steps = np.full(members, np.nan), np.full(members, limit, np.int16)
     final, active = state.copy(), np.arange(members)
     damping = Damping.of(np.full(members, _FIRST_DAMPING))
-    picture = picture_of(problem, state)
+    projection = projection_of(problem, state)
     for used in range(1, limit + 1):
-        J = derivatives(problem, state, picture)
-        normal, gradient = normal_matrix(problem, J), gradient_of(problem, state, J, picture.residuals)
+        J = derivatives(problem, state, projection)
+        normal, gradient = normal_matrix(problem, J), gradient_of(problem, state, J, projection.residuals)
         diagonal = np.arange(len(J))
         normal[diagonal, diagonal] *= 1 + damping.value
         step = triangular.solve(triangular.cholesky(normal), gradient)
         promised = (step * gradient).sum(axis=0)
         small = promised < _CONVERGED
         new = moved(problem, state, step)
-        new_picture = picture_of(problem, new)
-        gained = gain(picture.chi2, new_picture.chi2, promised)
+        new_projection = projection_of(problem, new)
+        gained = gain(projection.chi2, new_projection.chi2, promised)
         better, damping = (gained > 0) | small, damping.after(gained)
         if better.all():
-            state, picture = new, new_picture
+            state, projection = new, new_projection
         else:
             state = np.where(better, new, state)
-            picture = picture_of(problem, state)
-        leaving = small | ~(damping.value < MOST_DAMPING) | ~np.isfinite(picture.chi2)
+            projection = projection_of(problem, state)
+        leaving = small | ~(damping.value < MOST_DAMPING) | ~np.isfinite(projection.chi2)
         if leaving.any():
             gone = active[leaving]
-            final[:, gone], chi2[gone], steps[gone] = state[:, leaving], picture.chi2[leaving], used
+            final[:, gone], chi2[gone], steps[gone] = state[:, leaving], projection.chi2[leaving], used
             stay = np.flatnonzero(~leaving)
             active, state = active[stay], state[:, stay]
             damping = Damping(damping.value[stay], damping.raised[stay])
-            problem, picture = problem.members(stay), picture.members(stay)
+            problem, projection = problem.members(stay), projection.members(stay)
             if not len(stay):
                 break
-    final[:, active], chi2[active], steps[active] = state, picture.chi2, limit
+    final[:, active], chi2[active], steps[active] = state, projection.chi2, limit
     return final, chi2, steps

@@ -23,7 +23,7 @@ BLOCK = 1024
 
 
 @dataclass(frozen=True, eq=False)
-class Problem:
+class PinholeViews:
     """plane and pixels (P, 2, 1 or B), prior centre (2, 1 or B), noise (1 or B), focal (1 or B) where known."""
 
     plane: Floats
@@ -34,12 +34,12 @@ class Problem:
     focal: Floats | None
     photographed: bool
 
-    def members(self, index: Ints) -> "Problem":
+    def members(self, index: Ints) -> "PinholeViews":
         def some(rows: Floats) -> Floats:
             return rows if rows.shape[-1] == 1 else rows[..., index]
 
         focal = None if self.focal is None else some(self.focal)
-        return Problem(
+        return PinholeViews(
             some(self.plane),
             some(self.pixels),
             some(self.centre),
@@ -51,7 +51,7 @@ class Problem:
 
 
 @dataclass(frozen=True, eq=False)
-class Picture:
+class Projection:
     """What a state shows: points turned into the camera's axes (3, P, B), residuals over sigma (2, P, B), pixels from
     the principal point (2, P, B), 1 / (1 + kappa c) (P, B) and chi2 (B)."""
 
@@ -61,8 +61,8 @@ class Picture:
     shrink: Floats
     chi2: Floats
 
-    def members(self, index: Ints) -> "Picture":
-        return Picture(*(getattr(self, name)[..., index] for name in self.__dataclass_fields__))
+    def members(self, index: Ints) -> "Projection":
+        return Projection(*(getattr(self, name)[..., index] for name in self.__dataclass_fields__))
 
 
 def rows(value: Floats | float, batch: tuple[int, ...], tail: tuple[int, ...]) -> Floats:
@@ -85,7 +85,7 @@ def state_of(focal: Floats, camera_from_rect: Pose, centre: Floats, batch: tuple
     return state
 
 
-def picture_of(problem: Problem, state: Floats) -> Picture:
+def projection_of(problem: PinholeViews, state: Floats) -> Projection:
     """Unseen points (nan) have no residual; the prior of the principal point counts in chi2."""
     x, y = problem.plane[:, 0], problem.plane[:, 1]
     u0, v0, s, kappa, cx, cy = state[:6]
@@ -108,15 +108,15 @@ def picture_of(problem: Problem, state: Floats) -> Picture:
         chi2 = chi2 + (offset * offset).sum(axis=0)
     if problem.photographed:
         chi2 = np.where((shrink.min(axis=0) > 0) & (s > 0), chi2, np.inf)
-    return Picture(turned, residuals, seen, shrink, chi2)
+    return Projection(turned, residuals, seen, shrink, chi2)
 
 
-def derivatives(problem: Problem, state: Floats, picture: Picture) -> Floats:
+def derivatives(problem: PinholeViews, state: Floats, projection: Projection) -> Floats:
     """J (n, 2P, B) over sigma of the pixels by u0, v0, s and kappa (or kappa alone along s = f kappa), the rotation
     step, and cx, cy where they are free."""
-    a, b, c = picture.turned
+    a, b, c = projection.turned
     s, kappa = state[2], state[3]
-    (u, v), w = picture.seen, picture.shrink
+    (u, v), w = projection.seen, projection.shrink
     inverse_noise = 1 / problem.noise
     w = w * inverse_noise
     free_centre = problem.centre_sigma > 0
@@ -149,7 +149,7 @@ def derivatives(problem: Problem, state: Floats, picture: Picture) -> Floats:
     return J.reshape(size, -1, c.shape[-1])
 
 
-def normal_matrix(problem: Problem, J: Floats) -> Floats:
+def normal_matrix(problem: PinholeViews, J: Floats) -> Floats:
     """J^T J (n, n, B), the prior of the principal point added."""
     size = len(J)
     normal = np.empty((size, size, J.shape[-1]))
@@ -162,14 +162,14 @@ def normal_matrix(problem: Problem, J: Floats) -> Floats:
     return normal
 
 
-def gradient_of(problem: Problem, state: Floats, J: Floats, residuals: Floats) -> Floats:
+def gradient_of(problem: PinholeViews, state: Floats, J: Floats, residuals: Floats) -> Floats:
     gradient = (J * residuals.reshape(-1, residuals.shape[-1])).sum(axis=1)
     if problem.centre_sigma > 0:
         gradient[-2:] += (problem.centre - state[4:6]) / problem.centre_sigma**2
     return gradient
 
 
-def moved(problem: Problem, state: Floats, step: Floats) -> Floats:
+def moved(problem: PinholeViews, state: Floats, step: Floats) -> Floats:
     """The state after a step (n, B)."""
     new = state.copy()
     new[0:2] += step[0:2]
@@ -203,7 +203,7 @@ def mirror_to_front(state: Floats) -> None:
         state[row, behind] *= -1
 
 
-def covariances(problem: Problem, state: Floats) -> Floats:
+def covariances(problem: PinholeViews, state: Floats) -> Floats:
     members = state.shape[1]
     covariance = np.empty((members, 9, 9))
     for first in range(0, members, BLOCK):
@@ -212,9 +212,9 @@ def covariances(problem: Problem, state: Floats) -> Floats:
     return covariance
 
 
-def _covariance(problem: Problem, state: Floats) -> Floats:
+def _covariance(problem: PinholeViews, state: Floats) -> Floats:
     """Covariance (B, 9, 9) of (focal, cx, cy, rotation step, translation step)."""
-    J = derivatives(problem, state, picture_of(problem, state))
+    J = derivatives(problem, state, projection_of(problem, state))
     inner = triangular.inverse(triangular.cholesky(normal_matrix(problem, J)))
     size = len(inner)
     u0, v0, s, kappa = state[:4]
