@@ -138,10 +138,21 @@ def test_covariance_in_both_frames_is_what_noise_does():
     assert found.std(axis=0) == pytest.approx(expected, rel=0.12)
 
 
-def test_bound_is_the_numerical_fisher_information():
+@pytest.mark.parametrize("known", [False, True])
+@pytest.mark.parametrize("centre_sigma", [0.0, 7.0])
+def test_bound_is_the_numerical_fisher_information(known, centre_sigma):
     rng = np.random.default_rng(14)
     views = views_in_sight(rng, 5, least_tilt=20.0)
-    bound = cramer_rao(views.points, views.focal, views.pose, CENTRE, NOISE, principal_point_sigma=7.0)
+    bound = cramer_rao(
+        views.points,
+        views.focal,
+        views.pose,
+        CENTRE,
+        NOISE,
+        principal_point_sigma=centre_sigma,
+        focal_known=known,
+    )
+    free = np.array([not known, centre_sigma > 0, centre_sigma > 0, *[True] * 6])
     for i in range(5):
         view = views.take([i])
         step, rows = 1e-6, []
@@ -160,11 +171,15 @@ def test_bound_is_the_numerical_fisher_information():
                 seen.append(moved.pixels.ravel())
             rows.append((seen[0] - seen[1]) / (2 * step))
         J = np.array(rows).T / NOISE
-        fisher = J.T @ J + np.diag([0, 1 / 49, 1 / 49, 0, 0, 0, 0, 0, 0])
-        scale = np.sqrt(np.diag(bound[i]))
+        fisher = J.T @ J
+        if centre_sigma:
+            fisher[[1, 2], [1, 2]] += centre_sigma**-2
+        own = bound[i][np.ix_(free, free)]
+        np.testing.assert_array_equal(bound[i][~free], 0)
+        scale = np.sqrt(np.diag(own))
         # Differences over 1e-6 of pixels near 1000 are good to 1e-7; the inverse multiplies that by its condition.
-        inverse = np.linalg.inv(fisher * np.outer(scale, scale))
-        assert np.abs(inverse - bound[i] / np.outer(scale, scale)).max() < 1e-3
+        inverse = np.linalg.inv(fisher[np.ix_(free, free)] * np.outer(scale, scale))
+        assert np.abs(inverse - own / np.outer(scale, scale)).max() < 1e-3
 
 
 def test_exact_points_come_back_and_the_start_does_not_matter():

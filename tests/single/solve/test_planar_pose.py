@@ -1,6 +1,7 @@
 """The pose of a plane: exact for exact points, the truth among its two candidates, twins that mirror each other."""
 
 import numpy as np
+import pytest
 
 from quadrig.single.marking import board_points
 from quadrig.single.pose import Pose
@@ -79,3 +80,35 @@ def test_a_point_of_weight_zero_has_no_say():
     weights[:, 2] = 0
     found = solved(points, plane, weights)
     np.testing.assert_allclose(found.camera_from_rect[:, 0].translation, truth.translation, atol=1e-6)
+
+
+@pytest.mark.parametrize("shape", [(), (1,), (3, 2), (0,)])
+def test_any_leading_shape(shape):
+    truth = in_front(7, 4, 0.4)
+    truth = truth[facing(truth)]
+    points = rectangle_corners(0.4, 0.3)
+    whole = solved(points, seen(truth, points))
+    which = np.arange(int(np.prod(shape))).reshape(shape) % len(truth.translation)
+    plane = seen(truth, points)[which]
+    every = np.broadcast_to(points, (*shape, 4, 3))
+    found = planar_poses(homographies(every[..., :2], plane), every, plane)
+    assert found.errors.shape == (*shape, 2)
+    np.testing.assert_allclose(found.camera_from_rect.rotation, whole.camera_from_rect.rotation[which], atol=1e-9)
+    np.testing.assert_allclose(
+        found.camera_from_rect.translation, whole.camera_from_rect.translation[which], atol=1e-9
+    )
+
+
+def test_errors_are_those_of_the_reprojection():
+    rng = np.random.default_rng(6)
+    truth = in_front(40, 5, 0.5)
+    points = board_points(5, 4, 0.08)
+    weights = rng.choice([0.0, 1.0, 4.0], (40, 12), p=[0.1, 0.6, 0.3])
+    plane = seen(truth, points) + 1e-3 * rng.normal(size=(40, 12, 2))
+    found = solved(points, plane, weights)
+    for k in (0, 1):
+        square = ((seen(found.camera_from_rect[:, k], points) - plane) ** 2).sum(axis=-1)
+        before = (found.camera_from_rect[:, k][:, None].transform(points)[..., 2] > 0).all(axis=1)
+        expected = np.sqrt((weights * square).sum(axis=1) / weights.sum(axis=1))
+        np.testing.assert_allclose(found.errors[before, k], expected[before], rtol=1e-6)
+        assert np.isinf(found.errors[~before, k]).all()
