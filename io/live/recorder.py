@@ -7,15 +7,15 @@ import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from quadrig.io.live.capture.frame import Frame
 from quadrig.io.live.kept_views import KEPT_SCHEMA, KEPT_TOPIC
+from quadrig.io.topic_writer import TopicWriter
 from quadrig.single.errors import QuadrigError
 
 # A chunk is closed when it is this old, so that a crash loses less than the second that is promised.
 FLUSH_SECONDS = 0.5
-# ... or this large: chunks are what a reader of a cut file holds in memory.
-_CHUNK_BYTES = 4 * 1024 * 1024
 # Frames that wait for a slow disk; more than this (a second or two of four cameras) and new ones are dropped.
 _WAITING_FRAMES = 64
 
@@ -34,20 +34,16 @@ class LiveRecorder:
     """
 
     def __init__(self, path: Path, attachments: Mapping[str, bytes] | None = None) -> None:
-        from mcap.writer import CompressionType, Writer
-
-        self.path, self.dropped, self.frames = path, 0, 0
+        self.path, self.dropped = path, 0
         try:
             self._file = path.open("wb")
         except OSError as error:
             raise QuadrigError(f"{path}: cannot be written ({error.strerror}); choose another place") from None
-        # JPEG does not get smaller by compressing it again.
-        self._writer = Writer(self._file, chunk_size=_CHUNK_BYTES, compression=CompressionType.NONE)
-        self._writer.start(profile="", library="quadrig")
+        # Uncompressed: JPEG does not get smaller by compressing it again.
+        self._writer = TopicWriter(self._file)
+        self._writer.declare_json(KEPT_TOPIC, KEPT_SCHEMA)
         for name, data in (attachments or {}).items():
-            self._writer.add_attachment(0, time.time_ns(), name, "application/octet-stream", data)
-        self._channels: dict[str, int] = {}
-        self._schema = _register_compressed_image(self._writer)
+            self._writer.attach(name, "application/octet-stream", data, time.time_ns())
         self._queue: queue.Queue[Frame | _Note | None] = queue.Queue(_WAITING_FRAMES)
         self._failure = ""
         self._thread = threading.Thread(target=self._run, name="recorder", daemon=True)
@@ -102,44 +98,23 @@ class LiveRecorder:
                 if item is None:
                     return
                 if isinstance(item, Frame):
-                    self._write_frame(item)
+                    topic = f"/{item.camera}/image_raw/compressed"
+                    self._writer.write_protobuf(topic, _compressed_image(item), item.stamp)
                 else:
-                    self._write_note(item)
+                    self._writer.write_json(KEPT_TOPIC, item.data, item.stamp)
             except queue.Empty:
                 pass
             if time.monotonic() - flushed >= FLUSH_SECONDS:
                 self._writer.flush()
                 flushed = time.monotonic()
 
-    def _write_note(self, note: _Note) -> None:
-        if KEPT_TOPIC not in self._channels:
-            schema = self._writer.register_schema(KEPT_SCHEMA, "jsonschema", b'{"type": "object"}')
-            self._channels[KEPT_TOPIC] = self._writer.register_channel(KEPT_TOPIC, "json", schema)
-        self._writer.add_message(self._channels[KEPT_TOPIC], note.stamp, note.data, note.stamp)
 
-    def _write_frame(self, frame: Frame) -> None:
-        if frame.camera not in self._channels:
-            topic = f"/{frame.camera}/image_raw/compressed"
-            self._channels[frame.camera] = self._writer.register_channel(topic, "protobuf", self._schema)
-        data = _compressed_image(frame)
-        self._writer.add_message(self._channels[frame.camera], frame.stamp, data, frame.stamp, self.frames)
-        self.frames += 1
-
-
-def _register_compressed_image(writer) -> int:
-    from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
-    from mcap_protobuf.schema import build_file_descriptor_set
-
-    descriptors = build_file_descriptor_set(CompressedImage).SerializeToString()
-    return writer.register_schema("foxglove.CompressedImage", "protobuf", descriptors)
-
-
-def _compressed_image(frame: Frame) -> bytes:
+def _compressed_image(frame: Frame) -> Any:
     from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 
     message = CompressedImage(frame_id=frame.camera, data=frame.jpeg(), format=frame.format)
     message.timestamp.FromNanoseconds(frame.stamp)
-    return message.SerializeToString()
+    return message
 
 
 def _empty(waiting: "queue.Queue[Frame | _Note | None]") -> None:
