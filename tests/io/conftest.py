@@ -27,3 +27,9 @@ def example_config() -> str:
 def pictures(load_script):
     """picture(k), number(image), colour_error(image), WIDTH, HEIGHT."""
     return load_script("tests/io/numbered_pictures.py")
+
+
+@pytest.fixture(scope="session")
+def room(load_script):
+    """A room with a sheet in the hand before three cameras: TAG, picture(camera, pose), held_poses()..."""
+    return load_script("tests/io/sheet_room.py")

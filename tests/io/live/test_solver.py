@@ -1,0 +1,24 @@
+"""What a live solution uses."""
+
+from quadrig.io.live.solver import thinned
+from quadrig.single.view import View
+
+
+def test_thinning_leaves_framesets_that_follow_on_one_another_together(room):
+    corners = room.TAG.corners
+    times = {10 * burst + k: burst + 0.1 * k for burst in range(60) for k in range(3)}
+    views = [
+        View("sheet", corners, corners[:, :2], camera, k, time=time) for k, time in times.items() for camera in "ab"
+    ]
+    kept = {view.frameset for view in thinned(views, 100)}
+    assert 97 <= len(kept) <= 100
+    assert len({frameset // 10 for frameset in kept}) == 33
+
+
+def test_thinning_keeps_what_cameras_share(room):
+    corners = room.TAG.corners
+    alone = [View("sheet", corners, corners[:, :2], "a", k) for k in range(300)]
+    shared = [View("sheet", corners, corners[:, :2], camera, 1000 + k) for k in range(40) for camera in "ab"]
+    kept = {view.frameset for view in thinned([*alone, *shared], 100)}
+    assert set(range(1000, 1040)) <= kept
+    assert len(kept) <= 100
