@@ -25,7 +25,7 @@ def read_length(text: str, unit: str = "m") -> float:
     """
     match = re.fullmatch(r"\s*(\d+\.?\d*(?:e-?\d+)?|\.\d+)\s*([a-zµ]*)\s*", text.lower())
     if match is None or (match[2] or unit) not in _METRES or not float(match[1]) > 0:
-        raise QuadrigError(f"{text!r} is no length; give one such as 1mm, 80mm or 3in")
+        raise QuadrigError(f"{text!r} is no length above zero; give one such as 1mm, 80mm or 3in")
     return float(match[1]) * _METRES[match[2] or unit]
 
 

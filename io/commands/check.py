@@ -2,7 +2,6 @@
 
 import sys
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -10,19 +9,15 @@ import numpy as np
 import typer
 
 from quadrig.io.export.values import json_text
-from quadrig.io.rig_file.rig_mcap import RigFile, read_rig_file
+from quadrig.io.rig_file.rig_mcap import read_rig_file
+from quadrig.io.search.later_recording import views_of
 from quadrig.rig.doubt.verdict import out_of_step
 from quadrig.rig.moved import CameraMove, find_moved
 from quadrig.rig.words import length
 from quadrig.single.errors import QuadrigError
-from quadrig.single.rectangle import Rectangle
-from quadrig.single.view import View
 
 MOVED = 3
 """Exit code where a camera has moved."""
-
-# Consecutive framesets that show how a rectangle moves, with some to spare at both ends.
-_RUN = 20
 
 
 def check(
@@ -55,56 +50,6 @@ def check(
         raise QuadrigError(f"{recording[0]}: whether a camera has moved cannot be determined; {moves[0].why}")
     if any(move.state == "moved" for move in moves):
         raise typer.Exit(MOVED)
-
-
-def views_of(held: RigFile, paths: Sequence[Path], most: int) -> tuple[tuple[Rectangle, ...], list[View]]:
-    """The rig's rectangles, and what a recording shows of them to its cameras in so many framesets.
-
-    Raises QuadrigError where the recording cannot be read or has no camera of the rig.
-    """
-    from quadrig.io.config.rig_toml import parse_config
-    from quadrig.io.recording.framesets import build_framesets
-    from quadrig.io.recording.recorded_cameras import open_recording
-    from quadrig.io.search.detections import find_views
-
-    rectangles = {placed.name: placed.rectangle for placed in held.rig.rectangles}
-    topics: dict[str, str | None] = {}
-    if held.config_text.strip():
-        config = parse_config(held.config_text, "the rig.toml in the rig file")
-        rectangles = {one.name: one for one in config.rectangles} | rectangles
-        topics = {camera.name: camera.topic for camera in config.cameras if camera.topic is not None}
-    recording = open_recording(paths)
-    names = {topic: name for name, topic in topics.items()}
-    cameras = tuple(replace(camera, name=names.get(camera.topic, camera.name)) for camera in recording.cameras)
-    known = {camera.name: camera.intrinsics for camera in held.rig.cameras}
-    cameras = tuple(camera for camera in cameras if camera.name in known)
-    if not cameras:
-        seen = ", ".join(camera.name for camera in recording.cameras)
-        raise QuadrigError(
-            f"{paths[0]}: its cameras are {seen}, the rig's are {', '.join(known)}; give its recording"
-        )
-    for camera in cameras:
-        lens = known[camera.name]
-        if (camera.width, camera.height) != (lens.width, lens.height):
-            raise QuadrigError(
-                f"camera {camera.name!r} records {camera.width}x{camera.height}, the rig has it at "
-                f"{lens.width}x{lens.height}; record at the size of the calibration"
-            )
-    recording = replace(recording, cameras=cameras)
-    every = build_framesets(recording)
-    chosen = spread_runs(len(every), most)
-    part = replace(every, times=every.times[chosen], frames=every.frames[chosen])
-    return tuple(rectangles.values()), find_views(recording, part, list(rectangles.values()))
-
-
-def spread_runs(count: int, most: int) -> np.ndarray:
-    """Indices of at most so many of `count` framesets, in runs that are spread over all: in a run the paths of moving
-    rectangles are determined, and with them the clocks of cameras that are out of step."""
-    if count <= most:
-        return np.arange(count)
-    length_of_run = min(_RUN, most)
-    starts = np.linspace(0, count - length_of_run, max(most // length_of_run, 1)).round().astype(int)
-    return np.unique(starts[:, None] + np.arange(length_of_run))
 
 
 def move_values(moves: Sequence[CameraMove], false_alarms: float) -> dict:

@@ -8,6 +8,7 @@ import numpy as np
 import typer
 
 from quadrig.io.report.single import json_report, text_report
+from quadrig.rig.words import read_length
 from quadrig.single.arrays import Picture
 from quadrig.single.calibration import Distortion, calibrate_view
 from quadrig.single.detect.image_search import detect_views
@@ -188,12 +189,9 @@ def _grid(text: str, option: str) -> tuple[int, int]:
 
 def _length(text: str, option: str) -> float:
     try:
-        value = float(text)
-    except ValueError:
-        value = np.nan
-    if not (np.isfinite(value) and value > 0):
-        raise QuadrigError(f"{option}: {text!r} is not a length in metres; give a number above zero")
-    return value
+        return read_length(text)
+    except QuadrigError as error:
+        raise QuadrigError(f"{option}: {error}") from None
 
 
 def _point(text: str, option: str) -> tuple[float, float]:
