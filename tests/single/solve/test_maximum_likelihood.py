@@ -12,7 +12,6 @@ from quadrig.single.rotation import angles_from_rotation, rotation_from_angles
 from quadrig.single.solve.corners import Reason
 from quadrig.single.solve.cramer_rao import MEAN_ABSOLUTE, cramer_rao, paper_sigmas
 from quadrig.single.solve.maximum_likelihood import Solution, solve_points, solve_rectangles
-from quadrig.single.solve.twin import mirrored, twin_poses
 
 IMAGE = np.array([1920, 1080])
 CENTRE = (IMAGE - 1) / 2
@@ -271,54 +270,6 @@ def test_a_size_that_does_not_fit_the_batch_is_named():
         solve_rectangles(np.zeros((5, 4, 2)), np.ones(3), 0.2, CENTRE)
 
 
-def far_views(rng, count):
-    """Small sheets far away: hardly any perspective, so that both tilts show nearly the same."""
-    zero = np.zeros(count)
-    tilt, way, spin = np.radians(rng.uniform(15, 50, count)), *rng.uniform(0, 2 * np.pi, (2, count))
-    rotation = rotation_from_angles(zero, zero, way) @ rotation_from_angles(tilt, zero, spin - way)
-    return Pose(rotation, np.stack([rng.uniform(-1, 1, count), rng.uniform(-0.5, 0.5, count), zero + 5.0], axis=-1))
-
-
-def test_both_tilts_are_found_and_preferred_as_often_as_claimed():
-    rng = np.random.default_rng(19)
-    truth = far_views(rng, 1500)
-    located = truth[:, None].transform(rectangle_corners(0.297, 0.21))
-    corners = 3000.0 * located[..., :2] / located[..., 2:] + CENTRE + rng.normal(0, NOISE, (1500, 4, 2))
-    start = solve_rectangles(corners, 0.297, 0.21, CENTRE, focal=3000.0, sigma=NOISE).camera_from_rect
-    twins = twin_poses(rectangle_corners(0.297, 0.21), corners, 3000.0, CENTRE, start, NOISE)
-    assert twins.exists.mean() > 0.95
-    assert (twins.log_likelihood_ratio >= 0).all()
-    from_truth = [np.linalg.norm(truth.step_to(twins.camera_from_rect[:, k])[:, :3], axis=-1) for k in (0, 1)]
-    from_mirror = [
-        np.linalg.norm(mirrored(truth).step_to(twins.camera_from_rect[:, k])[:, :3], axis=-1) for k in (0, 1)
-    ]
-    told = twins.exists
-    first = from_truth[0] < from_truth[1]
-    # The pair is the truth and its mirror image, to within what noise and the little perspective do (8 degrees).
-    near = np.where(first, np.maximum(from_truth[0], from_mirror[1]), np.maximum(from_truth[1], from_mirror[0]))
-    assert np.median(near[told]) < np.radians(8)
-    # Claimed certainty against how often it was right: 1500 draws know a share to 1.3 %; four of those.
-    assert first[told].mean() == pytest.approx(twins.certainty[told].mean(), abs=0.05)
-
-
-def test_mirroring_twice_is_the_pose_itself():
-    pose = far_views(np.random.default_rng(20), 100)
-    again = mirrored(mirrored(pose))
-    assert np.abs(again.rotation - pose.rotation).max() < 1e-12
-    assert np.abs(np.linalg.det(mirrored(pose).rotation) - 1).max() < 1e-12
-
-
-def test_strong_perspective_has_no_twin_or_excludes_it():
-    rng = np.random.default_rng(21)
-    views = views_in_sight(rng, 200, least_tilt=30.0, grid=True)
-    noisy = views.pixels + rng.normal(0, NOISE, views.pixels.shape)
-    twins = twin_poses(views.points, noisy, views.focal, CENTRE, views.pose, NOISE)
-    assert (
-        np.linalg.norm(views.pose.step_to(twins.camera_from_rect[:, 0])[:, :3], axis=-1) < np.radians(5)
-    ).mean() > 0.99
-    assert (twins.certainty > 0.999).mean() > 0.9
-
-
 @pytest.mark.parametrize("shape", [(), (1,), (2, 3), (0,)])
 @pytest.mark.parametrize("known", [None, 400.0])
 def test_any_leading_shape(shape, known):
@@ -333,6 +284,3 @@ def test_any_leading_shape(shape, known):
         assert answer.rect_from_camera_covariance.shape == (*shape, 9, 9)
         assert np.shape(answer.focal_interval[0]) == shape
     assert np.allclose(four.focal, any_points.focal, rtol=1e-6)
-    twins = twin_poses(points, corners, 400.0, centres, four.camera_from_rect)
-    assert twins.chi2.shape == (*shape, 2)
-    assert twins.camera_from_rect.rotation.shape == (*shape, 2, 3, 3)
