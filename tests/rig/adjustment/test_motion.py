@@ -61,7 +61,8 @@ def test_a_parabola_is_followed_to_where_each_view_was_taken(offsets):
 
 def test_the_slope_is_the_derivative_of_the_step():
     rng = np.random.default_rng(1)
-    moved = Motion(*rng.normal(size=(2, 7, 6)), rng.normal(size=7), np.ones(3, bool), np.ones(3, bool))
+    rate, bend = rng.normal(size=(2, 7, 6))
+    moved = Motion(rate, bend, rng.normal(size=7), np.ones(3, bool), np.ones(3, bool))
     offset = rng.normal(size=7)
     slope = (moved.step(offset + 1e-6) - moved.step(offset - 1e-6)) / 2e-6
     np.testing.assert_allclose(moved.slope(offset), slope, atol=1e-8)

@@ -15,7 +15,7 @@ def seen():
     points, pixels = np.zeros((VIEWS, POINTS, 3)), np.zeros((VIEWS, POINTS, 2))
     sigma, share = np.ones(VIEWS), np.ones(VIEWS)
     sigma[::5], share[::5] = 2.0, 0.5
-    return pack(points, pixels, sigma, share, np.zeros(VIEWS, int), np.arange(VIEWS), ["pinhole"], VIEWS), sigma
+    return pack([*points], [*pixels], sigma, share, np.zeros(VIEWS, int), np.arange(VIEWS), ["pinhole"], VIEWS), sigma
 
 
 def squares_of(sigma, noise, seed=1):
