@@ -12,7 +12,7 @@ VIEWS, POINTS = 60, 20
 @pytest.fixture(scope="module")
 def seen():
     """Sixty Views of twenty points, twelve of them with sigmas twice the others' and shares of a half."""
-    points, pixels = np.zeros((VIEWS, POINTS, 3)), np.zeros((VIEWS, POINTS, 2))
+    points, pixels = [np.zeros((POINTS, 3))] * VIEWS, [np.zeros((POINTS, 2))] * VIEWS
     sigma, share = np.ones(VIEWS), np.ones(VIEWS)
     sigma[::5], share[::5] = 2.0, 0.5
     return pack([*points], [*pixels], sigma, share, np.zeros(VIEWS, int), np.arange(VIEWS), ["pinhole"], VIEWS), sigma

@@ -47,8 +47,14 @@ def advice(pose, relative_sigma, centre_sigma=0.0):
     return focal_advice(CORNERS, FOCAL, pose, CENTRE, NOISE, centre_sigma, relative_sigma, SIZE)
 
 
+def figure(pattern, sentence):
+    found = re.search(pattern, sentence)
+    assert found is not None
+    return float(found[1])
+
+
 def promised(sentence):
-    return float(re.search(r"it would be ([\d.]+) %", sentence)[1]) / 100
+    return figure(r"it would be ([\d.]+) %", sentence) / 100
 
 
 def test_a_flat_sheet_is_to_be_tilted_by_as_much_as_is_promised():
@@ -63,7 +69,7 @@ def test_a_flat_sheet_is_to_be_tilted_by_as_much_as_is_promised():
 def test_a_far_sheet_is_to_be_brought_nearer():
     pose = held(40, 1.0)
     (sentence,) = advice(pose, known(pose))
-    times = float(re.search(r"at 1/([\d.]+) of the distance", sentence)[1])
+    times = figure(r"at 1/([\d.]+) of the distance", sentence)
     assert promised(sentence) == pytest.approx(scatter(held(40, 1.0 / times)), rel=0.1)
     # As many times larger it fills 95 % of the picture, in the first order of its size.
     seen = FOCAL * pose.transform(CORNERS)[:, :2] / pose.transform(CORNERS)[:, 2:]

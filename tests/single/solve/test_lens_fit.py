@@ -20,7 +20,7 @@ SIGMAS = (0.2, 0.3, 0.5, 0.3)
 def views():
     """Four Views of two boards: points, noisy pixels, and the true poses, a batch (4)."""
     rng = np.random.default_rng(3)
-    rotations = rotation_from_angles(*rng.uniform(-0.6, 0.6, (2, 4)), rng.uniform(-3, 3, 4))
+    rotations = rotation_from_angles(rng.uniform(-0.6, 0.6, 4), rng.uniform(-0.6, 0.6, 4), rng.uniform(-3, 3, 4))
     poses = Pose(rotations, rng.uniform([-0.1, -0.1, 0.5], [0.1, 0.1, 0.8], (4, 3)))
     points = [board_points(9, 7, 0.03), board_points(6, 5, 0.04)] * 2
     exact = [
