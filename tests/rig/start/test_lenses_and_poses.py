@@ -35,7 +35,9 @@ def told(simulated):
     """A rig whose lenses are told and fixed, with hardly any noise; its start and its truth."""
     made = simulated.simulate(3, simulated.Scene(cameras=3, framesets=12, noise=1e-3, tags=3))
     inputs = [
-        CameraInput(c.name, c.width, c.height, Intrinsics.centred(c.width, c.height, 1.0).with_parameters(lens), True)
+        CameraInput(
+            c.name, c.width, c.height, Intrinsics.centred(c.width, c.height, 1.0).with_parameters(lens), fixed=True
+        )
         for c, lens in zip(made.inputs, made.lenses, strict=True)
     ]
     return replace(made, inputs=tuple(inputs))
@@ -63,7 +65,7 @@ def test_with_lenses_told_the_likeliest_candidates_are_the_poses(told):
     assert (candidates.cost >= 0).all()
 
 
-def test_doubts_of_candidates_are_what_noise_does(simulated, told):
+def test_doubts_of_candidates_are_what_noise_does(told):
     """Errors of poses by their own covariance, where lenses are told: chi-squares of six numbers."""
     rng = np.random.default_rng(1)
     views = [replace(v, pixels=v.pixels + rng.normal(0, 0.3, v.pixels.shape)) for v in told.views]

@@ -234,8 +234,8 @@ def test_an_edge_that_few_support_is_taken_only_where_no_better_way_leads():
                 yield camera, "sheet", k, [(wrong, 0.0, 0.001)]
 
     still = Pose.identity()
-    rows = [*rows_of([("a", still), ("b", camera_b)], range(3), False)]
-    rows += [*rows_of([("b", camera_b), ("c", camera_c)], range(3, 6), False)]
-    rows += [*rows_of([("a", still), ("c", camera_c)], range(6, 16), True)]
+    rows = [*rows_of([("a", still), ("b", camera_b)], range(3), spoil=False)]
+    rows += [*rows_of([("b", camera_b), ("c", camera_c)], range(3, 6), spoil=False)]
+    rows += [*rows_of([("a", still), ("c", camera_c)], range(6, 16), spoil=True)]
     first = first_rig(*told(rows), 0)
     assert np.abs(first.camera_from_rig[2].step_to(camera_c)).max() < 0.02
