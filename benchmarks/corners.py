@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from quadrig.single.arrays import Floats
+from quadrig.single.arrays import Floats, Picture
 from quadrig.single.detect.image_search import detect_views
 from quadrig.single.lens import Intrinsics
 from quadrig.single.marking import CharucoMarking, ChessboardMarking, PlainMarking, TagMarking
@@ -56,7 +56,7 @@ class Error:
     sigma: float
 
 
-def taken(rectangle: Rectangle, capture: Capture, rng: np.random.Generator) -> tuple[Floats, Pose]:
+def taken(rectangle: Rectangle, capture: Capture, rng: np.random.Generator) -> tuple[Picture, Pose]:
     """A picture of the rectangle, somewhere in view, on ground of some tone, and its pose."""
     size = np.hypot(rectangle.width, rectangle.height)
     pose = Pose.from_vectors(
