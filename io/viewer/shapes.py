@@ -22,7 +22,7 @@ def frustum(
     lens: Intrinsics,
     colour: Colour,
     depth: float,
-    line_width: float | rr.Radius | None = None,
+    line_width: "rr.datatypes.Float32Like | None" = None,
     shrink: int = 1,
 ) -> rr.Pinhole:
     """A camera with its picture `depth` m in front of it. shrink: by what the picture that is logged is smaller."""

@@ -6,24 +6,26 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from quadrig.io.viewer.process import ends_with_us
 from quadrig.io.whole_file import written_beside
 from quadrig.single.errors import QuadrigError
 
 if TYPE_CHECKING:
-    pass
+    import rerun as rr
+    import rerun.blueprint as rrb
 
 
 @dataclass(frozen=True, eq=False)
 class Shown:
-    """What is shown: a rerun.blueprint.Blueprint, and what logs it to a rerun.RecordingStream.
+    """What is shown: how it is laid out, and what logs it.
 
-    The flag of log says that one look is all there will be: of many pictures the last are enough."""
+    The flag of log says that one look is all there will be: of many pictures the last are enough.
+    """
 
-    blueprint: Any
-    log: Callable[[Any, bool], None]
+    blueprint: "rrb.Blueprint"
+    log: "Callable[[rr.RecordingStream, bool], None]"
 
 
 def show(shown: Shown, save: Path | None, web: bool, screenshot: Path | None) -> None:
@@ -73,13 +75,13 @@ def _send(shown: Shown, address: str, one_look: bool = False) -> None:
     _log(shown, stream, one_look)
 
 
-def _stream() -> Any:
+def _stream() -> "rr.RecordingStream":
     import rerun as rr
 
     return rr.RecordingStream("quadrig")
 
 
-def _log(shown: Shown, stream: Any, one_look: bool = False) -> None:
+def _log(shown: Shown, stream: "rr.RecordingStream", one_look: bool = False) -> None:
     shown.log(stream, one_look)
     stream.flush()
     stream.disconnect()
