@@ -20,13 +20,13 @@ from quadrig.single.detect.dictionaries import tag_dictionary
 from quadrig.single.detect.image_search import detect_views
 from quadrig.single.marking import CharucoMarking, TagMarking, board_points, charuco_tag_squares
 from quadrig.single.rectangle import Rectangle
-from quadrig.single.render.capture import Capture
+from quadrig.single.render.capture import SRGB, Capture
 from quadrig.single.render.picture import backdrop, ray_grid, render_image
 from quadrig.single.render.room import Room
 
 # Corners of one rectangle by name: its points (P, 3) m and pixels (P, 2).
 Found = dict[str, tuple[Floats, Floats]]
-CAPTURE = Capture(blur=0.6, noise=1.5, exposure=1.25)
+CAPTURE = Capture(blur=0.6, noise=1.5, curve=SRGB)
 
 
 @dataclass(frozen=True, eq=False)

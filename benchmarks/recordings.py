@@ -26,7 +26,7 @@ from quadrig.io.recording.convert import image_writer
 from quadrig.io.whole_file import written_beside
 from quadrig.io.workers import run_tasks
 from quadrig.single.pose import Pose
-from quadrig.single.render.capture import Capture
+from quadrig.single.render.capture import SRGB, Capture
 from quadrig.single.render.picture import Sheet, backdrop, ray_grid, render_image
 from quadrig.single.view import View
 
@@ -36,7 +36,7 @@ EXPOSURE = 0.008
 START = 1_700_000_000_000_000_000
 # A person moves a board, holds it, moves on: this many holds, in which the board is nearly still.
 HOLDS = 16
-CAPTURE = Capture(blur=0.6, noise=2.0, vignetting=0.15)
+CAPTURE = Capture(blur=0.6, noise=2.0, vignetting=0.15, curve=SRGB)
 # px within which a corner is the same.
 CLOSE = 0.05
 

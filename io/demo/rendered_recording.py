@@ -14,11 +14,11 @@ from quadrig.io.recording.convert import image_writer
 from quadrig.io.whole_file import written_beside
 from quadrig.io.workers import run_tasks
 from quadrig.single.arrays import Picture
-from quadrig.single.render.capture import Capture
+from quadrig.single.render.capture import SRGB, Capture
 from quadrig.single.render.picture import backdrop, ray_grid, render_image
 
-# What a usual industrial camera does to light.
-_CAPTURE = Capture(blur=0.6, noise=1.5, exposure=1.25, vignetting=0.15)
+# What a usual camera does to light.
+_CAPTURE = Capture(blur=0.6, noise=1.5, vignetting=0.15, curve=SRGB)
 _JPEG_QUALITY = 95
 # 2026-01-01T00:00:00 UTC; a picture every fifth of a second, stamped up to 2 ms apart by the cameras.
 _START, _PERIOD, _JITTER = 1_767_225_600_000_000_000, 200_000_000, 2_000_000

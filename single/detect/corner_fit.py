@@ -106,11 +106,12 @@ def _corner_iterations(
         parameters[active] = now + step
         parameters[:, 4] = np.clip(parameters[:, 4], np.log(SHARPEST), np.log(SOFTEST))
         rest = settled(step[:, :2], step[:, 4]) | (iteration == ITERATIONS - 1)
-        done = active[rest]
+        if not rest.any():
+            continue
+        done, active = active[rest], active[~rest]
         _, pull_on[done], weight_on[done] = gamma_evidence(
             model[rest], residual[rest], jacobian[rest], w[rest], inverse[done]
         )
-        active = active[~rest]
         if not len(active):
             break
     sigma = np.sqrt(np.maximum(inverse[:, 0, 0] + inverse[:, 1, 1], 0) / 2)

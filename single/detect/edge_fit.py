@@ -180,11 +180,12 @@ def _edge_iterations(
         parameters[active] = now + step
         parameters[:, 7] = np.clip(parameters[:, 7], np.log(SHARPEST), np.log(SOFTEST))
         rest = settled(step[:, 4:7], step[:, 7]) | (iteration == ITERATIONS - 1)
-        done = active[rest]
+        if not rest.any():
+            continue
+        done, active = active[rest], active[~rest]
         by_gamma[done], pull_on[done], weight_on[done] = gamma_evidence(
             model[rest], residual[rest], jacobian[rest], w[rest], inverse[done]
         )
-        active = active[~rest]
         if not len(active):
             break
     dark, contrast, blur = parameters[:, 0], parameters[:, 2], np.exp(parameters[:, 7])

@@ -6,20 +6,21 @@ kind, and what ink and paper add. An edge alone tells it by the shape of its pro
 """
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
 from quadrig.single.arrays import Floats, Ints, Mask
-from quadrig.single.detect.blurred_step import LEAST_NOISE, bell, damped_step, variance_of_sides
+from quadrig.single.detect.blurred_step import LEAST_NOISE, damped_step, standard_normal, variance_of_sides
 from quadrig.single.detect.local_homography import local_homographies, mapped
 from quadrig.single.detect.tone import Tone, gamma_evidence
 
-# Places a side at which an inside is looked at, and tags: more tell gamma better than a power fits a curve.
-_PLACES, _TAGS = 24, 3
+# Places at which an inside is looked at, and tags: more tell gamma better than a power fits a curve.
+_PLACES, _TAGS = 360, 2
 # Standard deviation of log gamma that no inside takes away: real curves are no powers.
-_MODEL_SIGMA = 0.05
+_MODEL_SIGMA = 0.02
 # Gauss-Newton steps: the outline's fit has found place and blur.
-_STEPS = 3
+_STEPS = 2
 # Side of a cell, px and blurs, below which bits run into each other.
 _LEAST_CELL, _LEAST_BLURS = 3.0, 1.5
 # Share of the contrast that the fit may leave unexplained: more, and something lies over the bits.
@@ -59,7 +60,7 @@ def tone_from_tags(grey: Floats, corners: Floats, blur: Floats, bits: Floats, to
     best = usable[np.argsort(side[usable] / blur[usable])[-_TAGS:]]
     seen = _inside(grey, corners[best], cells)
     # Every pixel is one measurement, however often a small tag's is met.
-    once = np.minimum(1.0, (side[best] * cells / _PLACES) ** 2)[:, None]
+    once = np.minimum(1.0, (side[best] * cells) ** 2 / _PLACES)[:, None]
     padded = np.pad(bits[best], ((0, 0), (1, 1), (1, 1)), constant_values=1.0)
     corner_of = np.diff(np.diff(padded, axis=1), axis=2)
     parameters = np.zeros((len(best), 19))  # dark and its slopes, contrast and its, warp along u and v, log blur
@@ -89,6 +90,13 @@ def tone_from_tags(grey: Floats, corners: Floats, blur: Floats, bits: Floats, to
     return tone
 
 
+@lru_cache(maxsize=1)
+def _spread(count: int) -> Floats:
+    """Places (count, 2) that fill the unit square evenly, in step with no grid of cells: the R2 sequence."""
+    # Powers of the plastic number, the root of x^3 = x + 1.
+    return np.arange(1, count + 1)[:, None] * np.array([0.7548776662466927, 0.5698402909980532]) % 1
+
+
 def _read_anew(parameters: Floats, tone: Tone, told: Tone) -> None:
     """Dark, contrast and their slopes as another tone reads the same grey values: in dark pictures the light changes
     by so much that its derivative by gamma does not say."""
@@ -102,8 +110,7 @@ def _inside(grey: Floats, corners: Floats, cells: int) -> _Inside:
     unit = np.array([[-1.0, -1], [1, -1], [1, 1], [-1, 1]])
     image_from_unit = local_homographies(np.broadcast_to(unit, corners.shape), corners)
     # The outermost cells' outer half is the outline's.
-    along = np.linspace(-1, 1, _PLACES) * (1 - 1 / cells)
-    grid = np.stack(np.meshgrid(along, along), axis=-1).reshape(-1, 2)
+    grid = (2 * _spread(_PLACES) - 1) * (1 - 1 / cells)
     whole = np.rint(mapped(image_from_unit, grid)).astype(int)
     unit_from_image = np.linalg.inv(image_from_unit)
     place = mapped(unit_from_image, whole)
@@ -125,8 +132,6 @@ def _inside(grey: Floats, corners: Floats, cells: int) -> _Inside:
 def _model(parameters: Floats, seen: _Inside, corner_of: Floats) -> tuple[Floats, Floats]:
     """Light (N, M) of blurred bits and its derivatives (N, 19, M). corner_of (N, G, G): mixed differences of the bits
     at the lines between cells, along v and u; the bits are the sum of so many products of a step along either."""
-    from scipy.special import ndtr
-
     dark, contrast, warp_u, warp_v, log_blur = np.split(
         parameters.astype(np.float32)[..., None], [3, 6, 12, 18], axis=1
     )
@@ -136,8 +141,8 @@ def _model(parameters: Floats, seen: _Inside, corner_of: Floats) -> tuple[Floats
     for place, warp, unit in ((seen.u, warp_u, seen.blur_u), (seen.v, warp_v, seen.blur_v)):
         wide = (blur * unit)[..., None]
         scaled = ((place + np.sum(warp * seen.warp, axis=1))[..., None] - lines) / wide
-        slope = bell(scaled)
-        steps.append(ndtr(scaled))
+        step, slope = standard_normal(scaled)
+        steps.append(step)
         slopes.append(slope / wide)
         widenings.append(-scaled * slope)
     corner_of = corner_of.astype(np.float32)
