@@ -30,7 +30,7 @@ _RIVAL = 0.4
 # Share by which angle and side ratio may be missed where the lens bends the outline or is not centred.
 _SURELY_WRONG = 0.15
 # px that a real sheet's edge and corner depart from the model.
-_MODEL_SIGMA = 0.05
+_MODEL_SIGMA = 0.03
 
 
 def detect_plain(grey: Picture, rectangle: Rectangle) -> View | None:
@@ -107,7 +107,7 @@ def _fit(grey: Picture, quad: Floats) -> _Sheet | None:
         reach = min(max(wide, 3 * blur), 0.2 * span)
         outline = fit_outline(LightImage(grey, tone), corners, np.full((1, 4), reach))
         blur = float(np.median(outline.fit.blur))
-        told = tone.told(outline.fit.pull.sum(), outline.fit.weight.sum())
+        told = tone.told(outline.pull[0], outline.weight[0])
         corners = outline.corners + outline.by_gamma * np.log(told.gamma / tone.gamma)
         tone = told
         if not np.isfinite(corners).all() or np.abs(corners[0] - quad).max() > 0.1 * span + 4:

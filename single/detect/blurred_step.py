@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from quadrig.single.arrays import Floats, Mask, Singles
+from quadrig.single.arrays import Floats, Mask, Reals, Singles
 
 # Blur (px) that lenses and demosaicing leave, as logarithm with its spread: only where one row of pixels says
 # nothing of the blur (an edge along a pixel row) does this prior decide.
@@ -21,6 +21,8 @@ _BLUR_SETTLED = 0.05
 LEAST_NOISE = 0.3
 # Coefficients of the tail of the normal distribution, the highest power first.
 _TAIL = np.array([1.330274429, -1.821255978, 1.781477937, -0.356563782, 0.319381530], np.float32)
+# Parts of an edge or a window that are taken as independent of each other: grain and JPEG tie neighbours together.
+BLOCKS = 12
 # Least share of one side's variance that the other has.
 _UNEQUAL = 0.05
 
@@ -37,7 +39,8 @@ def soft_step(distance: Singles, blur: Singles) -> tuple[Singles, Singles, Singl
     upper, lower = (distance + 0.5) / blur, (distance - 0.5) / blur
     (cdf_upper, pdf_upper), (cdf_lower, pdf_lower) = standard_normal(upper), standard_normal(lower)
     by_blur = pdf_upper - pdf_lower
-    return blur * (upper * cdf_upper - lower * cdf_lower + by_blur), cdf_upper - cdf_lower, by_blur
+    value = blur * (upper * cdf_upper - lower * cdf_lower + by_blur)
+    return value.astype(np.float32, copy=False), cdf_upper - cdf_lower, by_blur
 
 
 def standard_normal(x: Singles) -> tuple[Singles, Singles]:
@@ -74,7 +77,7 @@ def damped_step(
     return (inverse @ gradient[..., None])[..., 0], inverse
 
 
-def variance_of_sides(residual: Singles, share: Singles, weight: Singles, least: Floats, unknowns: int) -> Singles:
+def variance_of_sides(residual: Reals, share: Reals, weight: Reals, least: Reals, unknowns: int) -> Singles:
     """Variance (N, P) of light that runs from one side's to the other's with the share (N, P) of the other, 0 to 1.
 
     Ground with a grain, ink that a curve makes noisy: the two sides of an edge are seldom equally sure. least (N, 2):
@@ -93,6 +96,22 @@ def variance_of_sides(residual: Singles, share: Singles, weight: Singles, least:
     # A side of no noise at all would leave nothing to the other.
     low, high = np.maximum(low, _UNEQUAL * high), np.maximum(high, _UNEQUAL * low)
     return low + share * (high - low)
+
+
+def block_sums(scores: Reals) -> Reals:
+    """Sums (..., BLOCKS) of scores (..., P) over runs of neighbours."""
+    return np.add.reduceat(scores, np.linspace(0, scores.shape[-1], BLOCKS, endpoint=False).astype(int), axis=-1)
+
+
+def place_excess(jacobian: Singles, scores: Reals, inverse: Floats, places: slice) -> Floats:
+    """Variance of fitted places (N,) over that which independent pixels would leave (White, 1980; by blocks).
+
+    jacobian (N, K, P), scores (N, P): weight times residual, inverse normal matrix (N, K, K); places: among the K.
+    """
+    moved = inverse[:, places] @ block_sums(jacobian * scores[:, None])
+    own = np.trace(inverse[:, places, places], axis1=1, axis2=2)
+    # The fit itself has taken some of the blocks' freedom.
+    return np.sum(moved**2, axis=(1, 2)) / own * (BLOCKS / (BLOCKS - moved.shape[1]))
 
 
 def settled(places: Floats, log_blur: Floats) -> Mask:

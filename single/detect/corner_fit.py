@@ -109,9 +109,8 @@ def _corner_iterations(
         if not rest.any():
             continue
         done, active = active[rest], active[~rest]
-        _, pull_on[done], weight_on[done] = gamma_evidence(
-            model[rest], residual[rest], jacobian[rest], w[rest], inverse[done]
-        )
+        evidence = gamma_evidence(model[rest], residual[rest], jacobian[rest], w[rest], inverse[done])
+        pull_on[done], weight_on[done] = evidence.pull, evidence.weight
         if not len(active):
             break
     sigma = np.sqrt(np.maximum(inverse[:, 0, 0] + inverse[:, 1, 1], 0) / 2)

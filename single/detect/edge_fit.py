@@ -17,6 +17,7 @@ from quadrig.single.detect.blurred_step import (
     SOFTEST,
     USUAL_BLUR,
     damped_step,
+    place_excess,
     settled,
     soft_step,
     variance_of_sides,
@@ -26,6 +27,10 @@ from quadrig.single.detect.tone import LightImage, Tone, gamma_evidence
 
 # Bow (px over half a side of 50 px) that a strong wide-angle lens gives a straight edge; it grows with the square.
 _BOW = 0.5
+# Share of that by which a lens or bent paper bows the two ends of an edge unlike each other.
+_LOPSIDED = 0.3
+# Where among an edge's parameters its place stands.
+_PLACE = slice(5, 9)
 # Grey levels: white that may have been cut off, and ink that at a good exposure is darker even in a gamma curve.
 # Where both are passed, an unknown part of the step is missing, and its middle with it.
 _CLIPPED, _LIGHT_INK = 252.0, 90.0
@@ -33,11 +38,12 @@ _CLIPPED, _LIGHT_INK = 252.0, 90.0
 
 @dataclass(frozen=True, eq=False)
 class EdgeFit:
-    """Sides of outlines: offset c0 + c1 u + c2 u^2 (px, along the normal) over u in [-1, 1] from start to end.
+    """Sides of outlines: offset c0 + c1 u + c2 u^2 + c3 u^3 (px, along the normal), u in [-1, 1] from start to end.
 
-    coefficients (N, 3), covariance (N, 3, 3); noise (N,), dark (N,) of the inner side and contrast (N,) from inside
-    to outside in light as the tone reads it; blur (N,) px. by_gamma (N, 3): how the coefficients change with the
-    logarithm of the tone's gamma; pull, weight (N,): what each edge tells of that, see gamma_evidence.
+    coefficients (N, 4), covariance (N, 4, 4); noise (N,), dark (N,) of the inner side and contrast (N,) from inside
+    to outside in light as the tone reads it; blur (N,) px. by_gamma (N, 4): how the coefficients change with the
+    logarithm of the tone's gamma; pull, weight, pull_excess (N,): what each edge tells of that, see Evidence; excess
+    (N,): by how much its covariance is too small, see place_excess.
     """
 
     coefficients: Floats
@@ -49,6 +55,8 @@ class EdgeFit:
     by_gamma: Floats
     pull: Floats
     weight: Floats
+    pull_excess: Floats
+    excess: Floats
     tone: Tone
 
     @property
@@ -66,11 +74,14 @@ class EdgeFit:
 @dataclass(frozen=True, eq=False)
 class Outline:
     """Quadrilaterals: corners (N, 4, 2) px, sigma (N, 4) px a coordinate, by_gamma (N, 4, 2): how the corners move
-    with the logarithm of the tone's gamma, and the fit of all sides (4 N in order)."""
+    with the logarithm of the tone's gamma, pull, weight (N,): what they tell of that, see Evidence, fit: of all sides
+    (4 N in order)."""
 
     corners: Floats
     sigma: Floats
     by_gamma: Floats
+    pull: Floats
+    weight: Floats
     fit: EdgeFit
 
 
@@ -146,19 +157,19 @@ def _edge_iterations(
     u: Singles, offset: Singles, light: Singles, weight: Singles, bands: _Bands, tone: Tone
 ) -> EdgeFit:
     count, reach, start_bow = len(bands.length), bands.reach, bands.bow
-    parameters = np.zeros((count, 8))  # dark, its slope, contrast, its slope, c0, c1, c2, log blur
+    parameters = np.zeros((count, 9))  # dark, its slope, contrast, its slope, log blur, c0, c1, c2, c3
     across = offset - start_bow[:, None] * (u**2 - 1)
     bright = weighted_mean(light, weight * (across > 0.4 * reach[:, None]))
     dark = weighted_mean(light, weight * (across < -0.4 * reach[:, None]))
-    parameters[:, 4], parameters[:, 6] = -start_bow, start_bow
+    parameters[:, 5], parameters[:, 7] = -start_bow, start_bow
     parameters[:, 0], parameters[:, 2] = dark, bright - dark
     # A step as soft as the band is wide feels the edge from afar; it sharpens as it comes nearer.
-    parameters[:, 7] = np.log(np.maximum(0.5, reach / 4))
+    parameters[:, 4] = np.log(np.maximum(0.5, reach / 4))
     farthest = np.maximum(1.0, reach / 4)[:, None]
     noise = np.full(count, 4.0)
     bow = _BOW * (bands.length / 100) ** 2
-    inverse = np.zeros((count, 8, 8))
-    by_gamma, pull_on, weight_on = np.zeros((count, 8)), np.zeros(count), np.zeros(count)
+    inverse = np.zeros((count, 9, 9))
+    by_gamma, told = np.zeros((count, 9)), np.zeros((4, count))
     active = np.arange(count)
     for iteration in range(ITERATIONS):
         now, w = parameters[active], weight[active]
@@ -168,54 +179,57 @@ def _edge_iterations(
         variance = variance_of_sides(residual, jacobian[:, 2], w, least, 7)
         noise[active] = np.sqrt(weighted_mean(variance, w))
         w = w / variance
-        prior = np.zeros((len(active), 8))
+        prior = np.zeros((len(active), 9))
         prior[:, [1, 3]] = 1 / (0.5 * np.abs(now[:, 2]) + 1)[:, None] ** 2
-        prior[:, 6] = 1 / bow[active] ** 2
-        prior[:, 7] = 1 / BLUR_SPREAD**2
+        prior[:, 4] = 1 / BLUR_SPREAD**2
+        prior[:, 7:] = 1 / (bow[active, None] * [1, _LOPSIDED]) ** 2
         pull = -now
-        pull[:, 7] += USUAL_BLUR
+        pull[:, 4] += USUAL_BLUR
         step, inverse[active] = damped_step(jacobian, residual, w, prior, pull)
-        step[:, 4:7] = np.clip(step[:, 4:7], -farthest[active], farthest[active])
-        step[:, 7] = np.clip(step[:, 7], -0.5, 0.5)
+        step[:, 4] = np.clip(step[:, 4], -0.5, 0.5)
+        step[:, _PLACE] = np.clip(step[:, _PLACE], -farthest[active], farthest[active])
         parameters[active] = now + step
-        parameters[:, 7] = np.clip(parameters[:, 7], np.log(SHARPEST), np.log(SOFTEST))
-        rest = settled(step[:, 4:7], step[:, 7]) | (iteration == ITERATIONS - 1)
+        parameters[:, 4] = np.clip(parameters[:, 4], np.log(SHARPEST), np.log(SOFTEST))
+        rest = settled(step[:, _PLACE], step[:, 4]) | (iteration == ITERATIONS - 1)
         if not rest.any():
             continue
         done, active = active[rest], active[~rest]
-        by_gamma[done], pull_on[done], weight_on[done] = gamma_evidence(
-            model[rest], residual[rest], jacobian[rest], w[rest], inverse[done]
-        )
+        jacobian, residual, w = jacobian[rest], residual[rest], w[rest]
+        evidence = gamma_evidence(model[rest], residual, jacobian, w, inverse[done])
+        by_gamma[done], excess = evidence.follow, place_excess(jacobian, w * residual, inverse[done], _PLACE)
+        told[:, done] = evidence.pull, evidence.weight, evidence.excess, excess
         if not len(active):
             break
-    dark, contrast, blur = parameters[:, 0], parameters[:, 2], np.exp(parameters[:, 7])
+    dark, contrast, blur = parameters[:, 0], parameters[:, 2], np.exp(parameters[:, 4])
     return EdgeFit(
-        parameters[:, 4:7],
-        inverse[:, 4:7, 4:7],
+        parameters[:, _PLACE],
+        inverse[:, _PLACE, _PLACE],
         noise,
         dark,
         contrast,
         blur,
-        by_gamma[:, 4:7],
-        pull_on,
-        weight_on,
+        by_gamma[:, _PLACE],
+        told[0],
+        told[1],
+        told[2],
+        told[3],
         tone,
     )
 
 
 def _edge_model(parameters: Floats, u: Singles, offset: Singles) -> tuple[Singles, Singles]:
-    dark, dark_slope, contrast, contrast_slope, c0, c1, c2, log_blur = parameters.astype(np.float32).T[..., None]
+    dark, dark_slope, contrast, contrast_slope, log_blur, c0, c1, c2, c3 = parameters.astype(np.float32).T[..., None]
     blur = np.exp(log_blur)
-    value, slope, by_blur = soft_step(offset - (c0 + u * (c1 + u * c2)), blur)
+    value, slope, by_blur = soft_step(offset - (c0 + u * (c1 + u * (c2 + u * c3))), blur)
     height = contrast + contrast_slope * u
     model = dark + dark_slope * u + height * value
-    jacobian = np.empty((len(u), 8, u.shape[1]), np.float32)
+    jacobian = np.empty((len(u), 9, u.shape[1]), np.float32)
     jacobian[:, 0], jacobian[:, 1] = 1, u
     jacobian[:, 2], jacobian[:, 3] = value, u * value
-    jacobian[:, 4] = -height * slope
-    jacobian[:, 5] = jacobian[:, 4] * u
-    jacobian[:, 6] = jacobian[:, 5] * u
-    jacobian[:, 7] = height * by_blur * blur
+    jacobian[:, 4] = height * by_blur * blur
+    jacobian[:, 5] = -height * slope
+    for power in range(6, 9):
+        jacobian[:, power] = jacobian[:, power - 1] * u
     return model, jacobian
 
 
@@ -258,24 +272,26 @@ def _meet(corners: Floats, fit: EdgeFit) -> Outline:
     both = np.stack([np.arange(4), [3, 0, 1, 2]], axis=1)
     middle, tangent, normal = middle[:, both], tangent[:, both], normal[:, both]
     half = length[:, both, 0] / 2
-    c = fit.coefficients.reshape(count, 4, 3)[:, both]
+    c = fit.coefficients.reshape(count, 4, 4)[:, both]
 
     def newton(points: Floats) -> tuple[Floats, Floats, Floats]:
         shift = points[:, :, None] - middle
         u = np.sum(shift * tangent, axis=-1) / half
-        powers = np.stack([np.ones_like(u), u, u * u], axis=-1)
-        slope = (c[..., 1] + 2 * c[..., 2] * u) / half
+        powers = u[..., None] ** np.arange(4)
+        slope = (c[..., 1] + 2 * c[..., 2] * u + 3 * c[..., 3] * u * u) / half
         gaps = np.sum(shift * normal, axis=-1) - np.sum(c * powers, axis=-1)
         inverse = _inverse(normal - slope[..., None] * tangent)
         return points - (inverse @ gaps[..., None])[..., 0], powers, inverse
 
     points, powers, inverse = newton(newton(newton(corners)[0])[0])
-    covariance = fit.covariance.reshape(count, 4, 3, 3)[:, both]
+    covariance = fit.covariance.reshape(count, 4, 4, 4)[:, both]
     variances = np.sum((covariance @ powers[..., None])[..., 0] * powers, axis=-1)
-    variance = np.sum(inverse**2 * variances[..., None, :], axis=(-1, -2)) / 2
-    by_gamma = np.sum(fit.by_gamma.reshape(count, 4, 3)[:, both] * powers, axis=-1)
+    excess, doubt = (np.maximum(one.reshape(count, 4).mean(axis=1), 1) for one in (fit.excess, fit.pull_excess))
+    variance = excess[:, None] * np.sum(inverse**2 * variances[..., None, :], axis=(-1, -2)) / 2
+    by_gamma = np.sum(fit.by_gamma.reshape(count, 4, 4)[:, both] * powers, axis=-1)
     by_gamma = (inverse @ by_gamma[..., None])[..., 0]
-    return Outline(points, np.sqrt(np.maximum(variance, 0)), by_gamma, fit)
+    pull, weight = (one.reshape(count, 4).sum(axis=1) / doubt for one in (fit.pull, fit.weight))
+    return Outline(points, np.sqrt(np.maximum(variance, 0)), by_gamma, pull, weight, fit)
 
 
 def _inverse(rows: Floats) -> Floats:

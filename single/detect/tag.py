@@ -46,7 +46,7 @@ _STILL, _SHARP = 1.0, 0.8
 # Blur (px) beyond which an image of twice the size tells no more of an edge.
 _SOFT = 1.5
 # px that the model of a straight blurred edge is wrong by on real lenses, added to what noise explains.
-_MODEL_SIGMA = 0.02
+_MODEL_SIGMA = 0.01
 
 
 # Perimeter (px) of the smallest tag looked for: smaller ones cannot be told from texture. In pictures wider than
@@ -298,7 +298,8 @@ def _fit_from_level(grey: Picture, rough: Floats, cells: int, top: int, still: b
         outline = _fit_level(reduced(crop, 1 / scale), 2 * outline.corners + 0.5, cells, bow, blur)
     fit = replace(outline.fit, blur=outline.fit.blur * scale)
     corners = (outline.corners + 0.5) * scale - 0.5 + origin
-    return Outline(corners, outline.sigma * scale, outline.by_gamma * scale, fit)
+    sigma, by_gamma = outline.sigma * scale, outline.by_gamma * scale
+    return replace(outline, corners=corners, sigma=sigma, by_gamma=by_gamma, fit=fit)
 
 
 def _fit_level(image: Picture, corners: Floats, cells: int, bow: Floats | None, blur: Floats) -> Outline:

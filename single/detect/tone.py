@@ -11,11 +11,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from quadrig.single.arrays import Floats, Ints, Mask, Picture, Reals, Singles
+from quadrig.single.detect.blurred_step import block_sums
 
 # Before a picture says more: between 1 and 2.6 the world over, most near that of sRGB; the logarithm's sigma.
 _USUAL, _USUAL_SIGMA = 2.0, 0.45
 # What is no tone curve: a fit that asks for it follows something else.
-_LEAST, _MOST = 0.75, 4.0
+_LEAST, _MOST = 0.4, 8.0
 # Least light, of 255, that has a logarithm: what noise and the slopes of a fit make less is taken for this.
 _LEAST_LIGHT = 0.01
 
@@ -71,18 +72,31 @@ class LightImage:
         return self.tone.table()[self.grey[np.clip(rows, 0, height - 1), np.clip(columns, 0, width - 1)]], inside
 
 
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """What fits tell of a tone: pull, weight (N,), slope and curvature of the log likelihood of log gamma where all
+    else follows it; excess (N,): variance of the pull over that of independent pixels; follow (N, K): how the fitted
+    parameters change with log gamma."""
+
+    pull: Floats
+    weight: Floats
+    excess: Floats
+    follow: Floats
+
+
 def gamma_evidence(
     model: Singles, residual: Singles, jacobian: Singles, weight: Singles, inverse: Floats
-) -> tuple[Floats, Floats, Floats]:
-    """How fitted parameters (N, K) change with log gamma; slope and curvature (N,) of its log likelihood where all of
-    them follow it.
+) -> Evidence:
+    """From the light (N, P) of fitted models, its residual and weight (1 over variance), the jacobian (N, K, P) and
+    the inverse normal matrix (N, K, K).
 
-    model, residual (N, P) of the light and its weight, 1 over variance; jacobian (N, K, P); inverse normal matrix
-    (N, K, K).
     The derivative is at the light of the model, not of the pixel: noise would pull gamma with it (Box and Cox, 1964).
     """
     light = np.maximum(model, np.float32(_LEAST_LIGHT))
     change = light * np.log(light * np.float32(1 / 255))
     follow = (inverse @ (jacobian @ (weight * change)[..., None]))[..., 0]
     alone = weight * (change - (follow[:, None] @ jacobian)[:, 0])
-    return follow, -np.sum(alone * residual, axis=1), np.sum(alone * change, axis=1)
+    curvature = np.sum(alone * change, axis=1)
+    scores = block_sums(alone * residual)
+    excess = np.sum(scores**2, axis=1) / np.maximum(curvature, 1e-12)
+    return Evidence(-np.sum(scores, axis=1), curvature, excess, follow)
