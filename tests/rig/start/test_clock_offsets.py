@@ -197,6 +197,12 @@ def test_paths_tell_clocks_apart(scale):
     # Lenses known roughly stretch a path and shear it.
     bent = positions * [1.02, 0.97, 1.2] + 0.05 * positions[:, ::-1]
     assert path_offsets(problem, bent) == pytest.approx(found, abs=1e-3)
+    # Cameras that missed the sheet now and then, each at other times.
+    missed = np.random.default_rng(7).random(len(positions)) < [
+        0.1 * (2 + NAMES.index(v.camera)) for v in problem.views
+    ]
+    fewer = build_problem(INPUTS, [BOARD], [v for v, out in zip(problem.views, missed, strict=True) if not out])
+    assert path_offsets(fewer, positions[~missed]) == pytest.approx(found, abs=3e-3)
     # Poses of single Views have wild ones among them.
     wild = positions.copy()
     wild[::60] += np.random.default_rng(6).normal(size=wild[::60].shape)

@@ -284,3 +284,6 @@ def test_any_leading_shape(shape, known):
         assert answer.rect_from_camera_covariance.shape == (*shape, 9, 9)
         assert np.shape(answer.focal_interval[0]) == shape
     assert np.allclose(four.focal, any_points.focal, rtol=1e-6)
+    bound = cramer_rao(points, four.focal, four.camera_from_rect, centres, 0.3)
+    assert bound.shape == (*shape, 9, 9)
+    assert np.allclose(bound.reshape(-1, 81), bound.reshape(-1, 81)[:1])
