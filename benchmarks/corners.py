@@ -17,7 +17,10 @@ import numpy as np
 from quadrig.single.arrays import Floats, Picture
 from quadrig.single.detect.image_search import detect_views
 from quadrig.single.lens import Intrinsics
-from quadrig.single.marking import CharucoMarking, ChessboardMarking, PlainMarking, TagMarking
+from quadrig.single.markings.blank_sheet import PlainMarking
+from quadrig.single.markings.charuco import CharucoMarking
+from quadrig.single.markings.chessboard import ChessboardMarking
+from quadrig.single.markings.tag import TagMarking
 from quadrig.single.pose import Pose
 from quadrig.single.rectangle import Rectangle
 from quadrig.single.render.capture import FILM, LINEAR, SRGB, Capture, ToneCurve

@@ -10,6 +10,7 @@ import sys
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import singledispatchmethod
 
 import cv2
 import numpy as np
@@ -18,8 +19,9 @@ from quadrig.io.demo.scene import demo_scene
 from quadrig.single.arrays import Floats, Picture
 from quadrig.single.detect.dictionaries import tag_dictionary
 from quadrig.single.detect.image_search import detect_views
-from quadrig.single.marking import CharucoMarking, TagMarking, board_points, charuco_tag_squares
-from quadrig.single.rectangle import Rectangle
+from quadrig.single.markings.charuco import CharucoMarking
+from quadrig.single.markings.tag import TagMarking
+from quadrig.single.rectangle import Marking, Rectangle
 from quadrig.single.render.capture import SRGB, Capture
 from quadrig.single.render.picture import backdrop, ray_grid, render_image
 from quadrig.single.render.room import Room
@@ -70,22 +72,29 @@ class PlainLoop:
         parameters = cv2.aruco.DetectorParameters()
         parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
         self._tags: dict[str, dict[int, Rectangle]] = {}
-        self._boards: list[tuple[Rectangle, cv2.aruco.CharucoDetector]] = []
+        self._boards: list[tuple[str, Floats, cv2.aruco.CharucoDetector]] = []
         for rectangle in rectangles:
-            marking = rectangle.marking
-            if isinstance(marking, TagMarking):
-                self._tags.setdefault(marking.dictionary, {})[marking.id] = rectangle
-            elif isinstance(marking, CharucoMarking):
-                first, count = marking.first_id, len(charuco_tag_squares(marking))
-                board = cv2.aruco.CharucoBoard(
-                    (marking.columns, marking.rows),
-                    marking.square,
-                    marking.marker,
-                    tag_dictionary(marking.dictionary),
-                    np.arange(first, first + count),
-                )
-                self._boards.append((rectangle, cv2.aruco.CharucoDetector(board)))
+            self._add(rectangle.marking, rectangle)
         self._detectors = {name: cv2.aruco.ArucoDetector(tag_dictionary(name), parameters) for name in self._tags}
+
+    @singledispatchmethod
+    def _add(self, marking: Marking, rectangle: Rectangle) -> None:
+        """What OpenCV has no detector for is not looked for."""
+
+    @_add.register
+    def _(self, marking: TagMarking, rectangle: Rectangle) -> None:
+        self._tags.setdefault(marking.dictionary, {})[marking.id] = rectangle
+
+    @_add.register
+    def _(self, marking: CharucoMarking, rectangle: Rectangle) -> None:
+        board = cv2.aruco.CharucoBoard(
+            (marking.columns, marking.rows),
+            marking.square,
+            marking.marker,
+            tag_dictionary(marking.dictionary),
+            np.array(sorted(marking.tags.ids)),
+        )
+        self._boards.append((rectangle.name, marking.points(rectangle), cv2.aruco.CharucoDetector(board)))
 
     def __call__(self, grey: Picture) -> Found:
         """All that is found in one picture."""
@@ -96,13 +105,10 @@ class PlainLoop:
                 if int(tag_id) in self._tags[name]:
                     rectangle = self._tags[name][int(tag_id)]
                     found[rectangle.name] = (rectangle.corners, np.asarray(quad.reshape(4, 2)[[2, 3, 0, 1]], float))
-        for rectangle, detector in self._boards:
+        for name, points, detector in self._boards:
             corners, ids, _, _ = detector.detectBoard(grey)
             if ids is not None and len(ids) >= 4:
-                marking = rectangle.marking
-                assert isinstance(marking, CharucoMarking)
-                points = board_points(marking.columns, marking.rows, marking.square)[np.ravel(ids).astype(int)]
-                found[rectangle.name] = (points, np.asarray(corners.reshape(-1, 2), float))
+                found[name] = (points[np.ravel(ids).astype(int)], np.asarray(corners.reshape(-1, 2), float))
         return found
 
 
@@ -138,9 +144,9 @@ def corners(found: Sequence[Found]) -> dict[tuple, Floats]:
     }
 
 
-def errors(found: Sequence[Found], shots: Sequence[Shot], kind: type, rectangles: Sequence[Rectangle]) -> Floats:
+def errors(found: Sequence[Found], shots: Sequence[Shot], kind: str, rectangles: Sequence[Rectangle]) -> Floats:
     """Distances (N,) px from the truth of all corners of one kind of marking."""
-    names = {r.name for r in rectangles if isinstance(r.marking, kind)}
+    names = {r.name for r in rectangles if r.marking.kind == kind}
     gaps = [
         np.linalg.norm(pixels - shot.project[name](points), axis=1)
         for shot, one in zip(shots, found, strict=True)
@@ -167,11 +173,11 @@ def main() -> None:
         print(
             f"{name:16s} {cost:7.1f} ms a picture, {runs['plain OpenCV'][1] / cost:4.1f} times the plain loop's speed"
         )
-        for kind in (TagMarking, CharucoMarking):
+        for kind in ("tag", "charuco"):
             gap = errors(found, shots, kind, rectangles)
             over = np.count_nonzero(gap > 1)
             print(
-                f"    {kind.__name__:16s} {len(gap):6d} corners, from the truth: median {np.median(gap):.3f}, "
+                f"    {kind:8s} {len(gap):6d} corners, from the truth: median {np.median(gap):.3f}, "
                 f"rms {np.sqrt(np.mean(gap[gap <= 1] ** 2)):.3f}, 99 % {np.quantile(gap, 0.99):.3f} px, "
                 f"{over} beyond a pixel"
             )

@@ -35,7 +35,7 @@ from quadrig.io.live.terminal import PlainScreen
 from quadrig.io.viewer.process import Viewer
 from quadrig.io.viewer.setup.screen import RerunScreen
 from quadrig.io.workers import run_tasks
-from quadrig.single.marking import TagMarking
+from quadrig.single.markings.tag import TagMarking
 from quadrig.single.rectangle import Rectangle
 
 RATE, FRAMES = 30, 300

@@ -13,7 +13,7 @@ from quadrig.rig.problem.camera_input import CameraInput
 from quadrig.rig.result import Rig
 from quadrig.single.arrays import Floats
 from quadrig.single.lens import Intrinsics, LensModel, image_middle, project
-from quadrig.single.marking import board_points
+from quadrig.single.markings.boards import board_points
 from quadrig.single.pose import Pose
 from quadrig.single.rectangle import Rectangle
 from quadrig.single.rotation import rotation_from_vector, vector_from_rotation

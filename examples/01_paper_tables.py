@@ -26,7 +26,7 @@ from quadrig.single import (
     detect_views,
     render_image,
 )
-from quadrig.single.marking import ChessboardMarking
+from quadrig.single.markings.chessboard import ChessboardMarking
 from quadrig.single.rectangle import rectangle_corners
 from quadrig.single.render.capture import Capture
 from quadrig.single.rotation import angles_from_rotation, rotation_from_angles

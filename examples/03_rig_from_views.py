@@ -9,7 +9,8 @@ import numpy as np
 
 from quadrig.rig import CameraInput, calibrate
 from quadrig.single import Intrinsics, Pose, Rectangle, View
-from quadrig.single.marking import ChessboardMarking, board_points
+from quadrig.single.markings.boards import board_points
+from quadrig.single.markings.chessboard import ChessboardMarking
 
 NOISE = 0.2
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from quadrig.rig import Advice, CameraInput, Coach, Rig, Situation, advise, calibrate
 from quadrig.single import Floats, Intrinsics, Pose, QuadrigError, Rectangle, Sheet, View, detect_views, render_image
-from quadrig.single.marking import TagMarking
+from quadrig.single.markings.tag import TagMarking
 from quadrig.single.render.capture import Capture
 from quadrig.single.render.picture import ray_grid
 from quadrig.single.rotation import rotation_from_vector

@@ -18,8 +18,20 @@ if TYPE_CHECKING:
     from quadrig.single.lens import Intrinsics as Intrinsics
     from quadrig.single.lens import project as project
     from quadrig.single.lens import unproject as unproject
+    from quadrig.single.markings.blank_sheet import PlainMarking as PlainMarking
+    from quadrig.single.markings.boards import board_points as board_points
+    from quadrig.single.markings.charuco import CharucoMarking as CharucoMarking
+    from quadrig.single.markings.chessboard import ChessboardMarking as ChessboardMarking
+    from quadrig.single.markings.registry import register as register
+    from quadrig.single.markings.tag import TagMarking as TagMarking
+    from quadrig.single.patch import Patch as Patch
     from quadrig.single.pose import Pose as Pose
+    from quadrig.single.rectangle import FoundTags as FoundTags
+    from quadrig.single.rectangle import Marking as Marking
+    from quadrig.single.rectangle import PointsMarking as PointsMarking
     from quadrig.single.rectangle import Rectangle as Rectangle
+    from quadrig.single.rectangle import TagFamily as TagFamily
+    from quadrig.single.rectangle import Tags as Tags
     from quadrig.single.render.picture import Sheet as Sheet
     from quadrig.single.render.picture import render_image as render_image
     from quadrig.single.solve.closed_form import closed_form as closed_form
@@ -36,12 +48,24 @@ _MODULE_OF = {
     "calibrate_views": "calibration",
     "detect_views": "detect.image_search",
     "QuadrigError": "errors",
-    "LENS_PARAMETERS": "lens",
     "Intrinsics": "lens",
+    "LENS_PARAMETERS": "lens",
     "project": "lens",
     "unproject": "lens",
+    "PlainMarking": "markings.blank_sheet",
+    "board_points": "markings.boards",
+    "CharucoMarking": "markings.charuco",
+    "ChessboardMarking": "markings.chessboard",
+    "register": "markings.registry",
+    "TagMarking": "markings.tag",
+    "Patch": "patch",
     "Pose": "pose",
+    "FoundTags": "rectangle",
+    "Marking": "rectangle",
+    "PointsMarking": "rectangle",
     "Rectangle": "rectangle",
+    "TagFamily": "rectangle",
+    "Tags": "rectangle",
     "Sheet": "render.picture",
     "render_image": "render.picture",
     "closed_form": "solve.closed_form",

@@ -1,18 +1,21 @@
-"""Rectangles of known size and how they are recognised.
+"""Rectangles of known size and what a marking must answer of them.
 
 The frame of a rectangle: origin in its middle, x to the right along its width, y down along its height (as one
 reads the sheet), z into the sheet, away from who looks at it. So a camera that looks straight at an upright sheet
 has the axes of the sheet, and the corners of Eq. 4 run bottom right, bottom left, top left, top right.
 """
 
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import ClassVar, NamedTuple, Self
 
 import numpy as np
 
-from quadrig.single.arrays import Floats
+from quadrig.single.arrays import Floats, Picture
 from quadrig.single.errors import QuadrigError
-from quadrig.single.marking import Marking, PointsMarking
+from quadrig.single.patch import Patch
 from quadrig.single.pose import Pose
+from quadrig.single.view import View
 
 PAPER_SIZES = {
     "A5": (0.210, 0.148),
@@ -23,6 +26,118 @@ PAPER_SIZES = {
     "legal": (0.3556, 0.2159),
 }
 """Width and height in metres of papers lying across (ISO 216; ANSI in inches of 25.4 mm)."""
+
+FoundTags = Mapping[int, Sequence[Floats]]
+"""Rough corners (4, 2) px of the tags seen in a picture, by id: top left first and clockwise on the printed tag."""
+
+
+class TagFamily(NamedTuple):
+    """Tags that one search finds: of a dictionary, by its canonical name, black on white or inverted."""
+
+    dictionary: str
+    inverted: bool = False
+
+
+@dataclass(frozen=True)
+class Tags:
+    """The tags that a marking bears and is found by."""
+
+    family: TagFamily
+    ids: frozenset[int]
+
+
+@dataclass(frozen=True)
+class Marking:
+    """How a rectangle is recognised: all that differs from one kind of marking to the next.
+
+    A kind is a frozen dataclass derived from this one; its fields are its keys in rig.toml. What is said here holds
+    for a marking that no picture shows by itself (and needs few of the arguments: those begin with an underscore).
+    """
+
+    kind: ClassVar[str]
+    """Its name in rig.toml and in results."""
+
+    noun: ClassVar[str] = "sheet"
+    """What a rectangle with it is called where nobody gives it a name."""
+
+    @property
+    def description(self) -> str:
+        """What to look for, in words."""
+        return f"a {self.kind}"
+
+    @property
+    def not_found(self) -> str:
+        """What to say and to advise where a picture that should show it does not."""
+        return f"{self.description} was not found; show it whole, sharp and flat"
+
+    @property
+    def size(self) -> tuple[float, float] | None:
+        """Width and height in metres where they follow from the marking; None where the sheet's are to be given."""
+        return None
+
+    @property
+    def tags(self) -> Tags | None:
+        """The tags that it bears, or None."""
+        return None
+
+    @property
+    def marks(self) -> frozenset[Hashable]:
+        """What a picture can show of it; two markings that share one of these cannot be told apart."""
+        return frozenset() if self.tags is None else frozenset((self.tags.family, tag) for tag in self.tags.ids)
+
+    def scaled(self, _scale: float, /) -> Self:
+        """The marking as a printer of this scale made it, its lengths rounded to a micrometre."""
+        return self
+
+    def points(self, rectangle: "Rectangle", /) -> Floats:
+        """All points (P, 3) that a View may have, metres in the frame of the rectangle that bears it."""
+        return rectangle.corners
+
+    def quiet_zone(self, _rectangle: "Rectangle", /) -> float:
+        """Width in metres of the empty border that the marking needs around the rectangle to be found."""
+        return 0.0
+
+    def patches(self, _rectangle: "Rectangle", sheet: Patch, /) -> list[Patch]:
+        """The drawing of the marking on a sheet of paper, in the order in which its patches are painted."""
+        return [sheet]
+
+    def find(self, _grey: Picture, _rectangle: "Rectangle", _found: FoundTags, /) -> View | None:
+        """The View of the rectangle if it is surely in the picture (h, w).
+
+        found: the tags of its family in the picture; empty for a marking without tags.
+        """
+        return None
+
+    def follow(self, _grey: Picture, _rectangle: "Rectangle", _before: View, /) -> View | None:
+        """The View of the rectangle if it is near where an earlier picture of the same camera showed it."""
+        return None
+
+    @classmethod
+    def find_all(cls, grey: Picture, members: "Sequence[Rectangle]", found: FoundTags, /) -> list[View]:
+        """What `find` gives of rectangles with markings of this kind and family: for those quicker together."""
+        views = [rectangle.marking.find(grey, rectangle, found) for rectangle in members]
+        return [view for view in views if view is not None]
+
+    @classmethod
+    def follow_all(cls, grey: Picture, members: "Sequence[Rectangle]", near: Mapping[str, View], /) -> list[View]:
+        """What `follow` gives of them; near: earlier Views by rectangle."""
+        views = [one.marking.follow(grey, one, near[one.name]) for one in members if one.name in near]
+        return [view for view in views if view is not None]
+
+    def rough(self, _rectangle: "Rectangle", _found: FoundTags, /) -> View | None:
+        """A View of what the search for tags found, before anything is fitted; None where that is too little."""
+        return None
+
+
+@dataclass(frozen=True)
+class PointsMarking(Marking):
+    """Corners given by hand: no picture is searched for them. What a rectangle has that nobody marked."""
+
+    kind: ClassVar[str] = "points"
+
+    @property
+    def description(self) -> str:
+        return "corners given by hand"
 
 
 @dataclass(frozen=True)

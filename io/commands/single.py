@@ -13,8 +13,11 @@ from quadrig.single.arrays import Picture
 from quadrig.single.calibration import Distortion, calibrate_view
 from quadrig.single.detect.image_search import detect_views
 from quadrig.single.errors import QuadrigError
-from quadrig.single.marking import CharucoMarking, ChessboardMarking, Marking, PlainMarking, PointsMarking, TagMarking
-from quadrig.single.rectangle import PAPER_SIZES, Rectangle
+from quadrig.single.markings.blank_sheet import PlainMarking
+from quadrig.single.markings.charuco import CharucoMarking
+from quadrig.single.markings.chessboard import ChessboardMarking
+from quadrig.single.markings.tag import TagMarking
+from quadrig.single.rectangle import PAPER_SIZES, Marking, PointsMarking, Rectangle
 from quadrig.single.solve.corners import in_turn
 from quadrig.single.view import View
 
@@ -206,30 +209,21 @@ def _point(text: str, option: str) -> tuple[float, float]:
 
 
 def _rectangle(size: tuple[float, float] | None, marking: Marking) -> Rectangle:
-    if isinstance(marking, CharucoMarking | ChessboardMarking):
-        own = marking.columns * marking.square, marking.rows * marking.square
+    own = marking.size
+    if own is not None:
         if size is not None and not np.allclose(size, own, rtol=1e-6):
             raise QuadrigError(
                 f"the board is {own[0]:g} x {own[1]:g} m by its squares, not {size[0]:g} x {size[1]:g} m; "
                 "leave --width and --height out"
             )
-        return Rectangle("board", *own, marking)
+        return Rectangle(marking.noun, *own, marking)
     if size is None:
         raise QuadrigError("the rectangle has no size; give --width and --height in metres, or --paper A4")
-    name = "tag" if isinstance(marking, TagMarking) else "sheet"
-    return Rectangle(name, *size, marking)
+    return Rectangle(marking.noun, *size, marking)
 
 
 def _found(picture: Picture, rectangle: Rectangle, path: Path) -> View:
     views = detect_views(picture, [rectangle])
     if not views:
-        sought = {
-            "tag": "the tag",
-            "charuco": "the ChArUco board",
-            "chessboard": "the chessboard",
-            "plain": "a blank sheet",
-        }[rectangle.marking.kind]
-        raise QuadrigError(
-            f"{path}: {sought} was not found; show it whole, sharp and flat, or give --corners by hand"
-        )
+        raise QuadrigError(f"{path}: {rectangle.marking.not_found}, or give --corners by hand")
     return views[0]

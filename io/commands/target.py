@@ -24,7 +24,9 @@ from quadrig.rig.words import read_length
 from quadrig.single.detect.dictionaries import canonical_dictionary, tag_dictionary
 from quadrig.single.detect.image_search import check_rectangles
 from quadrig.single.errors import QuadrigError
-from quadrig.single.marking import CharucoMarking, ChessboardMarking, TagMarking
+from quadrig.single.markings.charuco import CharucoMarking
+from quadrig.single.markings.chessboard import ChessboardMarking
+from quadrig.single.markings.tag import TagMarking
 from quadrig.single.rectangle import Rectangle
 
 # Share of a ChArUco square's side that its tag takes: the white around it is what the tag needs to be found.

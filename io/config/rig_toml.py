@@ -1,6 +1,8 @@
 """rig.toml: what stands in the room. Read strictly, what is wrong in it named by its line, written back."""
 
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Annotated
 
@@ -8,14 +10,14 @@ import msgspec
 import numpy as np
 
 from quadrig.io.config.errors import decode_error, locate
+from quadrig.io.config.marking_tables import marking_keys, marking_of, marking_table
 from quadrig.io.whole_file import write_text
 from quadrig.rig.problem.camera_input import CameraInput, LensChoice
-from quadrig.single.detect.dictionaries import canonical_dictionary, check_tag_id
 from quadrig.single.errors import QuadrigError
 from quadrig.single.lens import Intrinsics, LensModel, image_middle
-from quadrig.single.marking import CharucoMarking, ChessboardMarking, Marking, PlainMarking, PointsMarking, TagMarking
+from quadrig.single.markings.registry import marking_kinds
 from quadrig.single.pose import Pose
-from quadrig.single.rectangle import Rectangle
+from quadrig.single.rectangle import Marking, Rectangle
 from quadrig.single.rotation import rotation_from_angles, rotation_from_quaternion
 
 # Lengths measured twice, once as columns x square and once as the sheet's side, agree to a printer's rounding.
@@ -25,42 +27,11 @@ _SIDE_TOLERANCE = 1e-3
 _UNIT_TOLERANCE = 1e-2
 
 Length = Annotated[float, msgspec.Meta(gt=0)]
-Squares = Annotated[int, msgspec.Meta(ge=2)]
 Name = Annotated[str, msgspec.Meta(min_length=1)]
 
 
 class _Table(msgspec.Struct, forbid_unknown_fields=True):
     """A table of rig.toml: an unknown key is an error."""
-
-
-class _Tag(_Table, tag="tag", tag_field="kind"):
-    dictionary: str
-    id: Annotated[int, msgspec.Meta(ge=0)]
-
-
-class _Charuco(_Table, tag="charuco", tag_field="kind"):
-    columns: Squares
-    rows: Squares
-    square: Length
-    marker: Length
-    dictionary: str
-    legacy: bool = False
-    inverted: bool = False
-    first_id: Annotated[int, msgspec.Meta(ge=0)] = 0
-
-
-class _Chessboard(_Table, tag="chessboard", tag_field="kind"):
-    columns: Squares
-    rows: Squares
-    square: Length
-
-
-class _Plain(_Table, tag="plain", tag_field="kind"):
-    pass
-
-
-class _Points(_Table, tag="points", tag_field="kind"):
-    pass
 
 
 class _WorldPose(_Table):
@@ -69,9 +40,9 @@ class _WorldPose(_Table):
     quaternion_xyzw: tuple[float, float, float, float] | None = None
 
 
-class _Rectangle(_Table):
+class _Rectangle(_Table, kw_only=True):
     name: Name
-    marking: _Tag | _Charuco | _Chessboard | _Plain | _Points
+    marking: msgspec.Struct
     width: float | None = None
     height: float | None = None
     moving: bool = False
@@ -91,10 +62,20 @@ class _Camera(_Table):
     lens: LensChoice = "auto"
 
 
-class _File(_Table):
-    rectangle: list[_Rectangle]
+class _File(_Table, kw_only=True):
+    rectangle: Sequence[_Rectangle]
     reference: str | None = None
     camera: list[_Camera] = []
+
+
+@lru_cache(maxsize=2)
+def _file_table(kinds: tuple[type[Marking], ...]) -> type[_File]:
+    """The whole file where markings are of these kinds."""
+    marking = ("marking", marking_table(kinds))
+    rectangle = msgspec.defstruct("_Rectangle", [marking], bases=(_Rectangle,), kw_only=True)
+    file = msgspec.defstruct("_File", [("rectangle", list[rectangle])], bases=(_File,), kw_only=True)
+    assert issubclass(file, _File)
+    return file
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,10 +152,11 @@ def read_config(path: Path | str) -> RigConfig:
 
 def parse_config(text: str, name: str = "rig.toml") -> RigConfig:
     """The rig.toml of a text; name: what errors call it. Raises QuadrigError as read_config does."""
+    root = _file_table(tuple(marking_kinds().values()))
     try:
-        tables = msgspec.toml.decode(text, type=_File)
+        tables = msgspec.toml.decode(text, type=root)
     except msgspec.DecodeError as error:
-        raise decode_error(error, text, name, _File) from error
+        raise decode_error(error, text, name, root) from error
     if not tables.rectangle:
         raise QuadrigError(f"{name}: there is no [[rectangle]]; describe at least one that several cameras see")
     rectangles = tuple(_rectangle(table, i, text, name) for i, table in enumerate(tables.rectangle))
@@ -188,16 +170,16 @@ def parse_config(text: str, name: str = "rig.toml") -> RigConfig:
 
 def _rectangle(table: _Rectangle, index: int, text: str, name: str) -> Rectangle:
     path = f"$.rectangle[{index}]"
-    width, height = (
-        _side(table, side, count, text, name, path) for side, count in (("width", "columns"), ("height", "rows"))
-    )
     world = None
     try:
         world = None if table.world_from_rect is None else _world_pose(table.world_from_rect)
-        marking = _marking(table.marking)
+        marking = marking_of(table.marking)
     except (ValueError, QuadrigError) as error:
         key = "world_from_rect" if world is None and table.world_from_rect is not None else "marking"
         raise QuadrigError(f"{locate(name, text, path, key)}: rectangle {table.name!r}: {error}") from error
+    where = partial(locate, name, text, path)
+    own_width, own_height = marking.size or (None, None)
+    width, height = _side(table, "width", own_width, where), _side(table, "height", own_height, where)
     try:
         return Rectangle(table.name, width, height, marking, table.moving, world)
     except QuadrigError as error:
@@ -205,50 +187,21 @@ def _rectangle(table: _Rectangle, index: int, text: str, name: str) -> Rectangle
         raise QuadrigError(f"{locate(name, text, path, side)}: {error}") from error
 
 
-def _side(table: _Rectangle, side: str, count: str, text: str, name: str, path: str) -> float:
+def _side(table: _Rectangle, side: str, follows: float | None, where: Callable[[str], str]) -> float:
+    """A side of the rectangle as it is given, or as it follows from the marking; where: file and line of a key."""
     given: float | None = getattr(table, side)
-    if not isinstance(table.marking, _Charuco | _Chessboard):
-        if given is None:
-            raise QuadrigError(
-                f"{locate(name, text, path)}: rectangle {table.name!r} has no {side}; give it in metres, "
-                "outer edge of the marking"
-            )
-        return given
-    follows = getattr(table.marking, count) * table.marking.square
+    if follows is None:
+        if given is not None:
+            return given
+        raise QuadrigError(
+            f"{where('')}: rectangle {table.name!r} has no {side}; give it in metres, outer edge of the marking"
+        )
     if given is not None and not abs(given - follows) <= _SIDE_TOLERANCE:
         raise QuadrigError(
-            f"{locate(name, text, path, side)}: rectangle {table.name!r}: {side} is {given} m but {count} x square "
-            f"is {follows:g} m; leave {side} out or mend one of them"
+            f"{where(side)}: rectangle {table.name!r}: {side} is {given} m, but {follows:g} m by the size of the "
+            f"marking's squares; leave {side} out or mend one of them"
         )
     return follows
-
-
-def _marking(table: _Tag | _Charuco | _Chessboard | _Plain | _Points) -> Marking:
-    match table:
-        case _Tag():
-            check_tag_id(table.dictionary, table.id, "its tag")
-            return TagMarking(canonical_dictionary(table.dictionary), table.id)
-        case _Charuco():
-            if table.marker >= table.square:
-                raise ValueError(
-                    f"marker is {table.marker} m and square {table.square} m; the tag must be smaller than its square"
-                )
-            return CharucoMarking(
-                table.columns,
-                table.rows,
-                table.square,
-                table.marker,
-                canonical_dictionary(table.dictionary),
-                table.legacy,
-                table.inverted,
-                table.first_id,
-            )
-        case _Chessboard():
-            return ChessboardMarking(table.columns, table.rows, table.square)
-        case _Plain():
-            return PlainMarking()
-        case _Points():
-            return PointsMarking()
 
 
 def _world_pose(table: _WorldPose) -> Pose:
@@ -294,17 +247,15 @@ def _check_unique(kind: str, names: list[str], text: str, name: str) -> None:
 
 
 def _check_markings(rectangles: tuple[Rectangle, ...], text: str, name: str) -> None:
-    seen: dict[tuple[str, int], str] = {}
+    owners: dict[Hashable, Rectangle] = {}
     for index, rectangle in enumerate(rectangles):
-        if not isinstance(rectangle.marking, TagMarking):
-            continue
-        key = (rectangle.marking.dictionary, rectangle.marking.id)
-        if key in seen:
-            raise QuadrigError(
-                f"{locate(name, text, f'$.rectangle[{index}]', 'marking')}: rectangles {seen[key]!r} and "
-                f"{rectangle.name!r} carry the same tag, {key[0]} id {key[1]}; print another id for one of them"
-            )
-        seen[key] = rectangle.name
+        for mark in rectangle.marking.marks:
+            if mark in owners:
+                raise QuadrigError(
+                    f"{locate(name, text, f'$.rectangle[{index}]', 'marking')}: rectangles {owners[mark].name!r} and "
+                    f"{rectangle.name!r} look alike ({rectangle.marking.description}); give one another marking"
+                )
+            owners[mark] = rectangle
 
 
 def _check_reference(
@@ -351,17 +302,12 @@ def config_text(config: RigConfig) -> str:
 
 
 def _rectangle_values(rectangle: Rectangle) -> dict[str, object]:
-    marking = {"kind": rectangle.marking.kind} | {
-        key: value
-        for key, value in msgspec.to_builtins(rectangle.marking).items()
-        if key == "id" or (key != "kind" and value not in (False, 0))
-    }
     values: dict[str, object] = {"name": rectangle.name}
-    if not isinstance(rectangle.marking, CharucoMarking | ChessboardMarking):
+    if rectangle.marking.size is None:
         values |= {"width": rectangle.width, "height": rectangle.height}
     if rectangle.moving:
         values["moving"] = True
-    values["marking"] = marking
+    values["marking"] = marking_keys(rectangle.marking)
     if rectangle.world_from_rect is not None:
         values["world_from_rect"] = {
             "translation": rectangle.world_from_rect.translation.tolist(),

@@ -9,7 +9,9 @@ import numpy as np
 
 from quadrig.single.arrays import Floats
 from quadrig.single.lens import Intrinsics, image_middle
-from quadrig.single.marking import CharucoMarking, PlainMarking, TagMarking
+from quadrig.single.markings.blank_sheet import PlainMarking
+from quadrig.single.markings.charuco import CharucoMarking
+from quadrig.single.markings.tag import TagMarking
 from quadrig.single.pose import Pose
 from quadrig.single.rectangle import Rectangle
 from quadrig.single.render.picture import Sheet

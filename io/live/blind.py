@@ -3,11 +3,12 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from quadrig.io.live.search import Search, halved, tag_families
+from quadrig.io.live.search import Search, halved
 from quadrig.rig.coach.capture_faults import unreadable_fault, wrong_board_fault
 from quadrig.rig.coach.fault import Fault
 from quadrig.single.arrays import Picture
 from quadrig.single.detect.tag import find_tags
+from quadrig.single.detect.tag_families import families
 from quadrig.single.rectangle import Rectangle
 
 # One camera is looked at this often (s): without wanted ids its picture costs as much as a frameset.
@@ -31,7 +32,7 @@ class BlindCameras:
 
     def __init__(self, rectangles: Sequence[Rectangle]) -> None:
         self._rectangles = tuple(rectangles)
-        self._own = list(dict.fromkeys(name for name, _ in tag_families(rectangles)))
+        self._own = list(dict.fromkeys(family.dictionary for family in families(rectangles)))
         self._others = [name for name in _USUAL if name not in self._own]
         self._turn, self._last = 0, 0.0
         self._looks: dict[str, _Look] = {}

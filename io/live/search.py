@@ -13,30 +13,14 @@ import cv2
 import numpy as np
 
 from quadrig.io.live.capture.frame import Frame
-from quadrig.single.arrays import Floats, Picture
-from quadrig.single.detect.charuco import detect_charuco
-from quadrig.single.detect.dictionaries import canonical_dictionary
-from quadrig.single.detect.image_search import check_rectangles, detect_views
-from quadrig.single.detect.tag import detect_tags, find_tags
-from quadrig.single.detect.tag_ids import known_tags
-from quadrig.single.marking import CharucoMarking, TagMarking, charuco_tag_squares
-from quadrig.single.rectangle import Rectangle, rectangle_corners
+from quadrig.single.arrays import Picture
+from quadrig.single.detect.image_search import check_rectangles, detect_views, find_views, follow_views
+from quadrig.single.detect.tag_families import families, search_tags
+from quadrig.single.rectangle import FoundTags, Rectangle, TagFamily
 from quadrig.single.view import View
 
 # Of so many frames of a camera one is searched thoroughly: blurred and badly lit tags show up now and then.
 _THOROUGH_EVERY = 8
-# A window for what bears no tags reaches this far beyond where it was: part of its size (motion), and px.
-_REACH, _LEAST_REACH = 0.45, 24
-
-# Standard deviation (px) of a tag's corners before they are fitted.
-_ROUGH_SIGMA = 1.0
-# Fewest tags of a board that distinguish it from somebody else's.
-_LEAST_BOARD_TAGS = 2
-# The order of Eq. 4 from OpenCV's (top left, top right, bottom right, bottom left).
-_EQ4_FROM_OPENCV = [2, 3, 0, 1]
-
-Family = tuple[str, bool]
-FoundTags = dict[Family, dict[int, list[Floats]]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,7 +35,7 @@ class Search:
     frameset: int
     views: tuple[View, ...]
     grey: Picture
-    found: FoundTags
+    found: dict[TagFamily, FoundTags]
     time: float = float("nan")
 
 
@@ -61,7 +45,7 @@ class _Memory:
     untagged: what bears no tags, in its last frame."""
 
     count: int
-    at_half: dict[Family, bool] = field(default_factory=dict)
+    at_half: dict[TagFamily, bool] = field(default_factory=dict)
     untagged: dict[str, View] = field(default_factory=dict)
 
 
@@ -70,8 +54,8 @@ class LiveSearch:
 
     def __init__(self, rectangles: Sequence[Rectangle]) -> None:
         check_rectangles(rectangles)
-        self._families = tag_families(rectangles)
-        self._untagged = [r for r in rectangles if not isinstance(r.marking, TagMarking | CharucoMarking)]
+        self._families = families(rectangles)
+        self._untagged = [rectangle for rectangle in rectangles if rectangle.marking.tags is None]
         self._memories: dict[str, _Memory] = {}
 
     def search(self, frame: Frame, frameset: int) -> Search:
@@ -87,7 +71,7 @@ class LiveSearch:
             view
             for family, members in self._families.items()
             for rectangle in members
-            if (view := _rough_view(rectangle, found[family])) is not None
+            if (view := rectangle.marking.rough(rectangle, found[family])) is not None
         ]
         others = self._without_tags(grey, memory.untagged, thorough)
         memory.untagged = {view.rectangle: view for view in others}
@@ -99,16 +83,11 @@ class LiveSearch:
         untagged = {rectangle.name for rectangle in self._untagged} & set(names)
         views = [view for view in search.views if view.rectangle in untagged]
         for family, members in self._families.items():
-            grey, found = _polarised(search.grey, family), search.found[family]
             wanted = [rectangle for rectangle in members if rectangle.name in names]
-            views += detect_tags(grey, [r for r in wanted if isinstance(r.marking, TagMarking)], found)
-            boards = [detect_charuco(grey, r, found) for r in wanted if isinstance(r.marking, CharucoMarking)]
-            views += [view for view in boards if view is not None]
+            views += find_views(search.grey, wanted, search.found[family])
         return _named(views, search)
 
-    def _tags_in(
-        self, grey: Picture, half: Picture, family: Family, memory: _Memory, thorough: bool
-    ) -> dict[int, list[Floats]]:
+    def _tags_in(self, grey: Picture, half: Picture, family: TagFamily, memory: _Memory, thorough: bool) -> FoundTags:
         """Rough corners by id: of all that can be found, or quickly, at the size that did for them last time."""
         if thorough:
             found = self._tags(grey, family, thorough=True)
@@ -118,21 +97,14 @@ class LiveSearch:
             return _doubled(small)
         return self._tags(grey, family)
 
-    def _tags(self, grey: Picture, family: Family, thorough: bool = False) -> dict[int, list[Floats]]:
-        ids = [frozenset(tag for _, tag in known_tags([rectangle])) for rectangle in self._families[family]]
-        wanted, boards = frozenset().union(*ids), [board for board in ids if len(board) > 1]
-        return find_tags(_polarised(grey, family), family[0], wanted, boards, quick=not thorough)
+    def _tags(self, grey: Picture, family: TagFamily, thorough: bool = False) -> FoundTags:
+        return search_tags(grey, self._families[family], quick=not thorough)
 
     def _without_tags(self, grey: Picture, before: dict[str, View], thorough: bool) -> list[View]:
         """Chessboards and plain sheets, near where they were; elsewhere only now and then, for it takes long."""
-        views: list[View] = []
-        for rectangle in self._untagged:
-            if rectangle.name in before:
-                window, corner = _window(grey, before[rectangle.name])
-                views += [replace(view, pixels=view.pixels + corner) for view in detect_views(window, [rectangle])]
-            elif thorough:
-                views += detect_views(grey, [rectangle])
-        return views
+        views = follow_views(grey, self._untagged, before)
+        elsewhere = [rectangle for rectangle in self._untagged if rectangle.name not in before]
+        return [*views, *detect_views(grey, elsewhere)] if thorough else views
 
 
 def halved(grey: Picture) -> Picture:
@@ -140,58 +112,10 @@ def halved(grey: Picture) -> Picture:
     return np.asarray(cv2.resize(grey, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA), np.uint8)
 
 
-def _doubled(found: dict[int, list[Floats]]) -> dict[int, list[Floats]]:
+def _doubled(found: FoundTags) -> FoundTags:
     """Corners in a picture at half size in the pixels of the whole one, whose first pixel covers two by two."""
     return {tag: [2 * quad + 0.5 for quad in quads] for tag, quads in found.items()}
 
 
-def _rough_view(rectangle: Rectangle, found: dict[int, list[Floats]]) -> View | None:
-    """A View of the corners of a rectangle's tags as the search found them."""
-    marking = rectangle.marking
-    if isinstance(marking, TagMarking):
-        quads = found.get(marking.id, [])
-        if len(quads) != 1:
-            return None
-        return View(rectangle.name, rectangle.corners, quads[0][_EQ4_FROM_OPENCV], sigma=_ROUGH_SIGMA)
-    assert isinstance(marking, CharucoMarking)
-    points, pixels = [], []
-    corners = rectangle_corners(marking.marker, marking.marker)
-    for offset, (column, row) in enumerate(charuco_tag_squares(marking)):
-        quads = found.get(marking.first_id + offset, [])
-        if len(quads) == 1:
-            middle = np.array([column + 0.5 - marking.columns / 2, row + 0.5 - marking.rows / 2, 0.0])
-            points.append(corners + middle * marking.square)
-            pixels.append(quads[0][_EQ4_FROM_OPENCV])
-    if len(points) < _LEAST_BOARD_TAGS:
-        return None
-    return View(rectangle.name, np.concatenate(points), np.concatenate(pixels), sigma=_ROUGH_SIGMA)
-
-
-def tag_families(rectangles: Sequence[Rectangle]) -> dict[Family, list[Rectangle]]:
-    """Tags and ChArUco boards by dictionary and by whether they are white on black."""
-    families: dict[Family, list[Rectangle]] = {}
-    for rectangle in rectangles:
-        marking = rectangle.marking
-        if isinstance(marking, TagMarking | CharucoMarking):
-            inverted = isinstance(marking, CharucoMarking) and marking.inverted
-            families.setdefault((canonical_dictionary(marking.dictionary), inverted), []).append(rectangle)
-    return families
-
-
-def _polarised(grey: Picture, family: Family) -> Picture:
-    return 255 - grey if family[1] else grey
-
-
 def _named(views: Sequence[View], search: Search) -> tuple[View, ...]:
     return tuple(replace(view, camera=search.camera, frameset=search.frameset, time=search.time) for view in views)
-
-
-def _window(grey: Picture, view: View) -> tuple[Picture, Floats]:
-    """The part of the picture in which the rectangle of a View will be in the next frame, and its first pixel."""
-    low, high = view.pixels.min(0), view.pixels.max(0)
-    # A board's corners stand a square inside of it.
-    columns = np.sqrt(len(view.points))
-    reach = np.maximum(_LEAST_REACH, (_REACH + 1 / columns) * float((high - low).max()))
-    left, top = np.maximum(low - reach, 0).astype(int)
-    right, bottom = (high + reach + 1).astype(int)
-    return np.ascontiguousarray(grey[top:bottom, left:right]), np.array([left, top], float)

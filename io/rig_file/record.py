@@ -4,7 +4,6 @@ A Rig is one RigRecord and a FitRecord for each of its ViewFits, so that a reade
 points. Matrices are lists of rows.
 """
 
-from dataclasses import asdict
 from typing import Any
 
 import msgspec
@@ -15,14 +14,12 @@ from quadrig.io.rig_file.view_record import ViewRecord, recorded_view, view_reco
 from quadrig.rig.result import Camera, PlacedRectangle, Rig, ViewFit
 from quadrig.single.errors import QuadrigError
 from quadrig.single.lens import Intrinsics, LensModel
-from quadrig.single.marking import CharucoMarking, ChessboardMarking, Marking, PlainMarking, PointsMarking, TagMarking
+from quadrig.single.markings.registry import marking_kinds, marking_values
 from quadrig.single.pose import Pose
-from quadrig.single.rectangle import Rectangle
+from quadrig.single.rectangle import Marking, Rectangle
 
 RECORD_FORMAT = 1
 """Raised when a reader of the old record would misread the new one."""
-
-_MARKINGS = (TagMarking, CharucoMarking, ChessboardMarking, PlainMarking, PointsMarking)
 
 
 class LensRecord(msgspec.Struct):
@@ -219,7 +216,7 @@ def _rectangle_record(placed: PlacedRectangle) -> RectangleRecord:
         name=rectangle.name,
         width=float(rectangle.width),
         height=float(rectangle.height),
-        marking=asdict(rectangle.marking),
+        marking=marking_values(rectangle.marking),
         moving=rectangle.moving,
         world_from_rect=None if world is None else numbers(world.matrix()),
         rig_from_rect=numbers(placed.rig_from_rect.matrix()),
@@ -241,7 +238,7 @@ def _placed_rectangle(held: RectangleRecord) -> PlacedRectangle:
 
 
 def _marking(held: dict[str, Any]) -> Marking:
-    for kind in _MARKINGS:
-        if held.get("kind") == kind.kind:
-            return msgspec.convert(held, type=kind)
-    raise QuadrigError(f"the rig record has a marking of kind {held.get('kind')!r}; upgrade quadrig")
+    kind = marking_kinds().get(held.get("kind", ""))
+    if kind is None:
+        raise QuadrigError(f"the rig record has a marking of kind {held.get('kind')!r}; upgrade quadrig")
+    return msgspec.convert({key: value for key, value in held.items() if key != "kind"}, type=kind)

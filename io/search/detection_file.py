@@ -18,6 +18,7 @@ from quadrig.io.rig_file.view_record import ViewRecord, recorded_view, view_reco
 from quadrig.io.topic_writer import TopicWriter
 from quadrig.single.arrays import Ints
 from quadrig.single.errors import QuadrigError
+from quadrig.single.markings.registry import marking_values
 from quadrig.single.rectangle import Rectangle
 from quadrig.single.view import View
 
@@ -173,4 +174,4 @@ def _file_mark(path: Path) -> list:
 
 
 def _plain(rectangle: Rectangle) -> dict[str, Any]:
-    return {**asdict(rectangle), "world_from_rect": None}
+    return {**asdict(rectangle), "marking": marking_values(rectangle.marking), "world_from_rect": None}

@@ -9,9 +9,9 @@ from quadrig.io.config.rig_toml import RigConfig, config_text
 from quadrig.io.sheet.pdf import PdfPage, pdf_bytes
 from quadrig.rig.words import read_length
 from quadrig.single.errors import QuadrigError
-from quadrig.single.marking import CharucoMarking, ChessboardMarking
+from quadrig.single.patch import Patch
 from quadrig.single.rectangle import PAPER_SIZES, Rectangle
-from quadrig.single.render.marking_image import Patch, marking_patches, quiet_zone
+from quadrig.single.render.marking_image import marking_patches
 
 # mm along the edge of the paper that home printers leave white.
 _EDGE = 8.0
@@ -133,7 +133,7 @@ def _page(rectangles: Sequence[Rectangle], paper: Paper, per_page: int) -> PdfPa
 
 def _size(rectangle: Rectangle) -> tuple[float, float]:
     """Width and height in mm of the marking with its quiet zone."""
-    border = quiet_zone(rectangle)
+    border = rectangle.marking.quiet_zone(rectangle)
     return (rectangle.width + 2 * border) * 1e3, (rectangle.height + 2 * border) * 1e3
 
 
@@ -212,19 +212,6 @@ def target_toml(rectangles: Sequence[Rectangle]) -> str:
 
 def scaled(rectangle: Rectangle, scale: float) -> Rectangle:
     """The rectangle as a printer of this scale made it, lengths rounded to a micrometre."""
-    marking = rectangle.marking
-    if isinstance(marking, ChessboardMarking):
-        marking = replace(marking, square=_micro(marking.square * scale))
-        return replace(
-            rectangle, width=marking.columns * marking.square, height=marking.rows * marking.square, marking=marking
-        )
-    if isinstance(marking, CharucoMarking):
-        marking = replace(marking, square=_micro(marking.square * scale), marker=_micro(marking.marker * scale))
-        return replace(
-            rectangle, width=marking.columns * marking.square, height=marking.rows * marking.square, marking=marking
-        )
-    return replace(rectangle, width=_micro(rectangle.width * scale), height=_micro(rectangle.height * scale))
-
-
-def _micro(length: float) -> float:
-    return round(length, 6)
+    marking = rectangle.marking.scaled(scale)
+    width, height = marking.size or (round(rectangle.width * scale, 6), round(rectangle.height * scale, 6))
+    return replace(rectangle, width=width, height=height, marking=marking)

@@ -8,8 +8,7 @@ import numpy as np
 from quadrig.rig.coach.edge_width import EdgeWidths, edge_widths
 from quadrig.rig.coach.fault import Fault
 from quadrig.single.arrays import Floats, Picture
-from quadrig.single.detect.tag_ids import known_tags
-from quadrig.single.marking import CharucoMarking, PlainMarking, TagMarking
+from quadrig.single.detect.tag_families import known_tags
 from quadrig.single.rectangle import Rectangle
 from quadrig.single.view import View
 
@@ -113,7 +112,7 @@ def wrong_board_fault(
         foreign = [tag for tag in tags if tag not in known]
         if foreign and len(foreign) == len(tags):
             listed = ", ".join(f"{identity} of {dictionary}" for dictionary, identity in sorted(set(foreign))[:4])
-            expected = ", ".join(_expected(r) for r in rectangles if not isinstance(r.marking, PlainMarking))
+            expected = ", ".join(rectangle.marking.description for rectangle in rectangles)
             return Fault(
                 "wrong board",
                 f"{camera} sees tag {listed}, which rig.toml does not name (it names {expected}); take the right "
@@ -121,15 +120,6 @@ def wrong_board_fault(
                 camera,
             )
     return None
-
-
-def _expected(rectangle: Rectangle) -> str:
-    marking = rectangle.marking
-    if isinstance(marking, TagMarking):
-        return f"{marking.id} of {marking.dictionary}"
-    if isinstance(marking, CharucoMarking):
-        return f"a ChArUco board of {marking.dictionary}"
-    return f"a {marking.kind}"
 
 
 def not_static_fault(rectangle: str, camera: str) -> Fault:

@@ -19,7 +19,6 @@ from quadrig.rig.doubt.information import (
 from quadrig.rig.doubt.working_accuracy import rigid_basis, rigid_part
 from quadrig.rig.result import CAMERA_PARAMETERS, Camera
 from quadrig.single.arrays import Floats, Ints, Mask
-from quadrig.single.marking import CharucoMarking, ChessboardMarking
 from quadrig.single.pose import Pose
 from quadrig.single.rectangle import Rectangle, rectangle_corners
 from quadrig.single.rotation import rotation_from_vector
@@ -46,7 +45,7 @@ _SECOND_LOOK = 24
 # More cameras than this in one view of a placement add little to the order of the placements, but cost their cube.
 _MOST_CAMERAS = 6
 # So many points stand for a board, whose many corners only average the noise further down.
-_BOARD_GRID = 3
+_GRID = 3
 # Metres beyond where the sheet has been: farther out the covered volume would grow to where less is known, faster
 # than the doubt in it falls; tried from 0 to 0.5 on simulated rigs.
 _REACH = 0.2
@@ -88,17 +87,15 @@ class Placements:
 def planning_points(rectangle: Rectangle) -> tuple[Floats, float]:
     """Points (P, 3) that stand for the rectangle when planning, and the factor on the pixel sigma.
 
-    The four corners of a tag or sheet; three by three of a board's corners, whose number lowers the sigma.
+    Its own points where they are few; else three by three over them, and more of them lower the sigma.
     """
-    marking = rectangle.marking
-    if not isinstance(marking, CharucoMarking | ChessboardMarking):
-        return rectangle.corners, 1.0
-    columns, rows = marking.columns - 1, marking.rows - 1
-    x = np.linspace(-1, 1, _BOARD_GRID) * (columns - 1) / 2 * marking.square
-    y = np.linspace(-1, 1, _BOARD_GRID) * (rows - 1) / 2 * marking.square
+    points = rectangle.marking.points(rectangle)
+    if len(points) <= _GRID**2:
+        return points, 1.0
+    x, y, _ = np.linspace(points.min(axis=0), points.max(axis=0), _GRID).T
     grid_y, grid_x = np.meshgrid(y, x, indexing="ij")
-    points = np.stack([grid_x.ravel(), grid_y.ravel(), np.zeros(grid_x.size)], axis=-1)
-    return points, float(np.sqrt(len(points) / (columns * rows)))
+    grid = np.stack([grid_x.ravel(), grid_y.ravel(), np.zeros(grid_x.size)], axis=-1)
+    return grid, float(np.sqrt(len(grid) / len(points)))
 
 
 def imagine(cameras: Sequence[Camera], rectangle: Rectangle, been: Floats | None = None) -> Placements:

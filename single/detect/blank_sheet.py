@@ -9,9 +9,6 @@ from quadrig.single.arrays import Floats, Ints, Picture
 from quadrig.single.detect.edge_fit import fit_outline
 from quadrig.single.detect.pictures import reduced
 from quadrig.single.detect.tone import USUAL_TONE, LightImage
-from quadrig.single.lens import image_middle
-from quadrig.single.rectangle import Rectangle
-from quadrig.single.view import View
 
 # Search at no more pixels than this along the image's longer side: a sheet is large.
 _SEARCH_SIDE = 640
@@ -27,35 +24,25 @@ _UNEXPLAINED = 0.25
 _PRINT = 0.2
 # A second sheet of this share of the first one's area makes the choice a guess.
 _RIVAL = 0.4
-# Share by which angle and side ratio may be missed where the lens bends the outline or is not centred.
-_SURELY_WRONG = 0.15
 # px that a real sheet's edge and corner depart from the model.
 _MODEL_SIGMA = 0.03
 
 
-def detect_plain(grey: Picture, rectangle: Rectangle) -> View | None:
-    """The View of the one blank sheet in the image, wholly in sight, or None where there is none or no telling.
+@dataclass(frozen=True, eq=False)
+class FoundSheet:
+    """A sheet in a picture: corners (4, 2) px, clockwise; sigma px of each coordinate, and the error (4, 2) px that
+    all corners share."""
 
-    A blank sheet looks the same after half a turn, a square one after a quarter: the reading nearest to upright in
-    the image comes first, the others are the View's alternatives.
-    """
-    quads = _candidates(grey)
-    fitted = [fit for fit in (_fit(grey, quad) for quad in quads) if fit is not None]
+    corners: Floats
+    sigma: float
+    common: Floats
+
+
+def find_blank_sheet(grey: Picture) -> FoundSheet | None:
+    """The one blank sheet in a picture, wholly in sight; None where there is none or no telling."""
+    fitted = [fit for fit in (_fit(grey, quad) for quad in _candidates(grey)) if fit is not None]
     fitted.sort(key=lambda sheet: -cv2.contourArea(sheet.corners.astype(np.float32)))
-    best = _undisputed(fitted)
-    if best is None:
-        return None
-    corners = best.corners
-    orders = _possible(rectangle, corners, _readings(corners), grey.shape)
-    points = rectangle.corners
-    return View(
-        rectangle.name,
-        points,
-        corners[orders[0]],
-        alternatives=tuple(points[np.argsort(order)][orders[0]] for order in orders[1:]),
-        sigma=float(np.hypot(best.sigma, _MODEL_SIGMA)),
-        common=best.common[orders[0]],
-    )
+    return _undisputed(fitted)
 
 
 def _candidates(grey: Picture) -> list[Floats]:
@@ -89,16 +76,7 @@ def _quad(contour: Ints, shape: tuple[int, ...]) -> Floats | None:
     return polygon if turn > 0 else polygon[::-1].copy()
 
 
-@dataclass(frozen=True, eq=False)
-class _Sheet:
-    """A sheet found: corners (4, 2) px, sigma px, and the error (4, 2) px that all corners share."""
-
-    corners: Floats
-    sigma: float
-    common: Floats
-
-
-def _fit(grey: Picture, quad: Floats) -> _Sheet | None:
+def _fit(grey: Picture, quad: Floats) -> FoundSheet | None:
     corners, tone = quad[None], USUAL_TONE
     span = np.linalg.norm(np.roll(quad, -1, axis=0) - quad, axis=1).min()
     # First wide, since the search was coarse, then close to the edge, where the ground's texture counts less.
@@ -121,7 +99,8 @@ def _fit(grey: Picture, quad: Floats) -> _Sheet | None:
         return None
     if np.any(fit.noise > _UNEXPLAINED * np.abs(fit.contrast)) or not _blank(grey, corners[0], contrast):
         return None
-    return _Sheet(corners[0], float(np.sqrt(np.mean(outline.sigma**2))), tone.sigma * outline.by_gamma[0])
+    sigma = float(np.hypot(np.sqrt(np.mean(outline.sigma**2)), _MODEL_SIGMA))
+    return FoundSheet(corners[0], sigma, tone.sigma * outline.by_gamma[0])
 
 
 def _blank(grey: Picture, corners: Floats, contrast: float) -> bool:
@@ -139,7 +118,7 @@ def _blank(grey: Picture, corners: Floats, contrast: float) -> bool:
     return float(np.std(left)) < _PRINT * contrast
 
 
-def _undisputed(fitted: list[_Sheet]) -> _Sheet | None:
+def _undisputed(fitted: list[FoundSheet]) -> FoundSheet | None:
     if not fitted:
         return None
     largest = fitted[0].corners.astype(np.float32)
@@ -149,40 +128,3 @@ def _undisputed(fitted: list[_Sheet]) -> _Sheet | None:
         if apart and cv2.contourArea(other.astype(np.float32)) > _RIVAL * area:
             return None
     return fitted[0]
-
-
-def _readings(corners: Floats) -> list[list[int]]:
-    """Orders that put clockwise image corners into Eq. 4's order, the most upright first."""
-    orders = [[(start + k) % 4 for k in range(4)] for start in range(4)]
-    # Eq. 4's first side runs leftwards along the bottom: width; so what is most upright has it point most to -x.
-    leftward = []
-    for order in orders:
-        first = corners[order[1]] - corners[order[0]] + corners[order[2]] - corners[order[3]]
-        leftward.append(-first[0] / max(np.linalg.norm(first), 1e-9))
-    return [orders[k] for k in np.argsort(leftward)[::-1]]
-
-
-def _possible(
-    rectangle: Rectangle, corners: Floats, orders: list[list[int]], shape: tuple[int, ...]
-) -> list[list[int]]:
-    """The orders that some focal length explains; those of a quarter turn seldom are, unless the sheet is square.
-
-    A homography has one constraint more than an unknown focal needs (orthogonal sides, and their ratio): it is spent
-    on the choice here, with the principal point in the image's middle.
-    """
-    misfits = [_misfit(rectangle, corners[order], shape) for order in orders]
-    limit = max(_SURELY_WRONG, 3 * min(misfits))
-    kept = [order for order, misfit in zip(orders, misfits, strict=True) if misfit <= limit]
-    return sorted(kept, key=lambda order: misfits[orders.index(order)] > _SURELY_WRONG / 3)
-
-
-def _misfit(rectangle: Rectangle, corners: Floats, shape: tuple[int, ...]) -> float:
-    """Least share by which right angle or side ratio are missed, over all focals from fisheye to telephoto."""
-    middle = image_middle(shape[1], shape[0])
-    plane = rectangle.corners[:, :2].astype(np.float32)
-    homography = cv2.getPerspectiveTransform(plane, (corners - middle).astype(np.float32))
-    focals = max(shape) * np.geomspace(0.3, 8.0, 60)
-    rays = homography[None, :, :2] / np.stack([focals, focals, np.ones_like(focals)], axis=1)[:, :, None]
-    first, second = np.linalg.norm(rays[..., 0], axis=1), np.linalg.norm(rays[..., 1], axis=1)
-    cosine = np.abs(np.sum(rays[..., 0] * rays[..., 1], axis=1)) / (first * second)
-    return float(np.min(np.hypot(cosine, np.log(first / second))))

@@ -1,15 +1,14 @@
-"""Chessboards: their inner corners, and which of the readings of a symmetric board."""
+"""Chessboards: all of their inner corners, and the colours that say which way round they are."""
+
+from dataclasses import dataclass
 
 import numpy as np
 
-from quadrig.single.arrays import Floats, Ints, Picture
+from quadrig.single.arrays import Floats, Picture
 from quadrig.single.detect.board_corners import RECENTRE, better_tone, corner_window, good_corners, view_sigma
 from quadrig.single.detect.corner_fit import CornerFit, fit_corners
 from quadrig.single.detect.saddle_grid import find_saddle_grid
 from quadrig.single.detect.tone import LightImage
-from quadrig.single.marking import ChessboardMarking, board_points
-from quadrig.single.rectangle import Rectangle
-from quadrig.single.view import View
 
 # Share of a row of corners beyond a board's edge that shows the board to be larger.
 _ENOUGH_OF_A_ROW = 0.6
@@ -17,19 +16,24 @@ _ENOUGH_OF_A_ROW = 0.6
 _SMALLEST_SQUARE = 5.0
 
 
-# ---------------------------------------------------------------------------------------------------- chessboards
+@dataclass(frozen=True, eq=False)
+class FoundGrid:
+    """A chessboard in a picture: pixels (rows, columns, 2) of its inner corners and their standard deviation, px.
 
-
-def detect_chessboard(grey: Picture, rectangle: Rectangle, rough: Floats | None = None) -> View | None:
-    """The View of a chessboard whose corners are all in sight, or None.
-
-    The board's top left square is black. A board of columns + rows even looks the same after half a turn, a square
-    one of odd columns after a quarter: all readings that the colours allow are in the View, the one nearest to
-    upright in the image first. rough (rows - 1, columns - 1, 2): where to look instead of searching, px.
+    sign: 1 where the square at the top left of the first corner is black, -1 where it is white.
     """
-    marking = rectangle.marking
-    assert isinstance(marking, ChessboardMarking)
-    grid = find_saddle_grid(grey, marking.columns - 1, marking.rows - 1) if rough is None else rough
+
+    pixels: Floats
+    sign: int
+    sigma: float
+
+
+def find_chessboard(grey: Picture, columns: int, rows: int) -> FoundGrid | None:
+    """The whole chessboard of columns x rows inner corners in a picture, or None.
+
+    Rows and columns run as on the front of a sheet; which of the turns that look alike it is stays open.
+    """
+    grid = find_saddle_grid(grey, columns, rows)
     if grid is None:
         return None
     grid = _right_handed(grid)
@@ -40,23 +44,11 @@ def detect_chessboard(grey: Picture, rectangle: Rectangle, rough: Floats | None 
     if tone is not None:
         light = LightImage(grey, tone)
         fit = _fit_grid(light, grid, axes)
-    signs = _colour_signs(fit, grid.shape[:2])
-    if not _all_sure(fit, grid, axes) or signs == 0:
+    sign = _colour_sign(fit, grid.shape[:2])
+    if not _all_sure(fit, grid, axes) or sign == 0:
         return None
     pixels = fit.pixels.reshape(grid.shape)
-    if _goes_on(light, pixels, fit):
-        return None
-    readings = _readings(pixels, signs)
-    points = board_points(marking.columns, marking.rows, marking.square)
-    order = readings[0]
-    back = np.argsort(order)
-    return View(
-        rectangle.name,
-        points,
-        pixels.reshape(-1, 2)[back],
-        alternatives=tuple(points[other[back]] for other in readings[1:]),
-        sigma=view_sigma(fit.sigma),
-    )
+    return None if _goes_on(light, pixels, fit) else FoundGrid(pixels, sign, view_sigma(fit.sigma))
 
 
 def _right_handed(grid: Floats) -> Floats:
@@ -108,34 +100,8 @@ def _goes_on(light: LightImage, grid: Floats, fit: CornerFit) -> bool:
     return False
 
 
-def _colour_signs(fit: CornerFit, shape: tuple[int, ...]) -> int:
+def _colour_sign(fit: CornerFit, shape: tuple[int, ...]) -> int:
     """+1 where the square at the top left of the grid's first corner is black, -1 white, 0 where colours mingle."""
     checker = 1 - 2 * (np.add.outer(np.arange(shape[0]), np.arange(shape[1])) % 2)
     signs = np.sign(fit.contrast).reshape(shape) * checker
     return int(signs[0, 0]) if np.all(signs == signs[0, 0]) else 0
-
-
-def _readings(pixels: Floats, sign: int) -> list[Ints]:
-    """For each reading, the board's point index of every corner in the grid's order; the most upright first."""
-    rows, columns = pixels.shape[:2]
-    index = np.arange(rows * columns).reshape(rows, columns)
-    turned, uprightness = [], []
-    along, down = np.mean(pixels[:, -1] - pixels[:, 0], axis=0), np.mean(pixels[-1] - pixels[0], axis=0)
-    for quarter, right in enumerate((along, down, -along, -down)):
-        # A quarter turn of the reading swaps the diagonals of every corner, and may change whose corner is first.
-        if quarter % 2 and rows != columns:
-            continue
-        swaps = (quarter % 2 == 1) ^ bool(_first_parity(rows, columns, quarter))
-        if (sign < 0) == swaps:
-            turned.append(np.rot90(index, -quarter))
-            uprightness.append(right[0] / np.linalg.norm(right))
-    if not turned:
-        # No turn shows a black top left square: the board is the mirrored print; its points are where they are.
-        turned, uprightness = [index, np.rot90(index, 2)], [along[0], -along[0]]
-    return [turned[k].ravel() for k in np.argsort(uprightness)[::-1]]
-
-
-def _first_parity(rows: int, columns: int, quarter: int) -> int:
-    """Parity of the grid place that a reading turned by quarters takes for its first corner."""
-    first = np.argwhere(np.rot90(np.arange(rows * columns).reshape(rows, columns), -quarter) == 0)[0]
-    return int(first.sum() % 2)

@@ -3,7 +3,9 @@
 from functools import lru_cache
 
 import cv2
+import numpy as np
 
+from quadrig.single.arrays import Mask
 from quadrig.single.errors import QuadrigError
 
 
@@ -43,9 +45,16 @@ def dictionary_size(name: str) -> int:
     return len(tag_dictionary(name).bytesList)
 
 
-def check_tag_id(name: str, tag_id: int, whose: str) -> None:
-    """Raises QuadrigError where the dictionary has no tag of this id; `whose` begins the sentence."""
+def tag_cells(name: str, tag_id: int) -> Mask:
+    """Which cells (n, n) of a tag are white, its black border included."""
+    dictionary = tag_dictionary(name)
+    return np.asarray(cv2.aruco.generateImageMarker(dictionary, tag_id, dictionary.markerSize + 2)) > 127
+
+
+def check_tag_ids(name: str, *tag_ids: int) -> None:
+    """Raises QuadrigError where the dictionary has no tag of one of these ids."""
     size = dictionary_size(name)
-    if not 0 <= tag_id < size:
-        known = canonical_dictionary(name)
-        raise QuadrigError(f"{whose}: the dictionary {known} has no tag {tag_id}; choose an id from 0 to {size - 1}")
+    for tag_id in tag_ids:
+        if not 0 <= tag_id < size:
+            known = canonical_dictionary(name)
+            raise QuadrigError(f"the dictionary {known} has no tag {tag_id}; choose an id from 0 to {size - 1}")

@@ -1,6 +1,6 @@
 """Tags: which squares of a dictionary are in an image, and their corners to sub-pixel accuracy."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, fields, replace
 from functools import lru_cache
 
@@ -8,17 +8,15 @@ import cv2
 import numpy as np
 
 from quadrig.single.arrays import Floats, Ints, Mask, Picture
-from quadrig.single.detect.dictionaries import canonical_dictionary, check_tag_id, tag_dictionary
+from quadrig.single.detect.dictionaries import tag_cells, tag_dictionary
 from quadrig.single.detect.edge_fit import EdgeFit, Outline, fit_outline
 from quadrig.single.detect.pictures import reduced
 from quadrig.single.detect.tag_tone import tone_from_tags
 from quadrig.single.detect.tone import USUAL_TONE, LightImage
-from quadrig.single.marking import Marking, TagMarking
-from quadrig.single.rectangle import Rectangle
-from quadrig.single.view import View
 
-# OpenCV's order is top left, top right, bottom right, bottom left; Eq. 4's begins at the bottom right.
-_EQ4_FROM_OPENCV = [2, 3, 0, 1]
+EQ4_FROM_OPENCV = [2, 3, 0, 1]
+"""OpenCV's order is top left, top right, bottom right, bottom left; Eq. 4's begins at the bottom right."""
+
 # Longer side (px) of an image above which half of it is searched first: tags are large in large images.
 _LARGE = 2000
 # px that the fit may move a corner from where the outline's polygon put it, beside a tenth of the side: contours
@@ -121,79 +119,10 @@ def _find_once(
     return found
 
 
-def detect_tags(
-    grey: Picture, rectangles: Sequence[Rectangle], found: dict[int, list[Floats]], followed: bool = False
-) -> list[View]:
-    """Views of the tag rectangles, all of one dictionary, whose rough corners are among those found.
-
-    A tag that is seen twice in one image is not used: nobody can tell which of the two is meant. followed: the
-    corners are those of the picture before.
-    """
-    seen: list[tuple[Rectangle, Floats]] = []
-    for rectangle in rectangles:
-        assert isinstance(rectangle.marking, TagMarking)
-        quads = found.get(rectangle.marking.id, [])
-        if len(quads) == 1:
-            seen.append((rectangle, quads[0]))
-    if not seen:
-        return []
-    marking = seen[0][0].marking
-    assert isinstance(marking, TagMarking)
-    dictionary = tag_dictionary(marking.dictionary)
+def reads_as(grey: Picture, corners: Floats, name: str, tag_id: int) -> bool:
+    """Whether the cells within the corners (4, 2), top left first, show the bits of this tag of a dictionary."""
+    dictionary, bits = tag_dictionary(name), tag_cells(name, tag_id)[1:-1, 1:-1]
     cells = dictionary.markerSize + 2
-    rough = np.stack([quad for _, quad in seen])
-    outlines = refine_tags(grey, rough, cells, followed)
-    if followed:
-        # What moved farther than one close fit reaches gets both fits.
-        again = np.flatnonzero(~outlines.sure)
-        outlines.replace(again, refine_tags(grey, rough[again], cells))
-    sure = np.flatnonzero(outlines.sure)
-    if not len(sure):
-        return []
-    bits = np.array([_bits(dictionary, seen[k][0].marking) for k in sure])
-    tone = tone_from_tags(grey, outlines.corners[sure], outlines.blur[sure], bits, USUAL_TONE)
-    corners = outlines.corners + outlines.by_gamma * np.log(tone.gamma / USUAL_TONE.gamma)
-    return [
-        View(
-            seen[k][0].name,
-            seen[k][0].corners,
-            corners[k][_EQ4_FROM_OPENCV],
-            sigma=float(outlines.sigma[k]),
-            common=tone.sigma * outlines.by_gamma[k][_EQ4_FROM_OPENCV],
-        )
-        for k in sure
-    ]
-
-
-def _bits(dictionary: cv2.aruco.Dictionary, marking: Marking) -> Floats:
-    """Cells (cells, cells) of a tag, its black border included: 0 black, 1 white."""
-    assert isinstance(marking, TagMarking)
-    return (cv2.aruco.generateImageMarker(dictionary, marking.id, dictionary.markerSize + 2) > 127).astype(float)
-
-
-def track_tags(grey: Picture, rectangles: Sequence[Rectangle], near: Mapping[str, View]) -> list[View]:
-    """Views of the tags, all of one dictionary, that are within a few pixels of where they were seen before.
-
-    near: earlier Views by rectangle. A tag must read as itself where it is found.
-    """
-    known = [r for r in rectangles if r.name in near and len(near[r.name].pixels) == 4]
-    if not known:
-        return []
-    found: dict[int, list[Floats]] = {}
-    for rectangle in known:
-        assert isinstance(rectangle.marking, TagMarking)
-        found[rectangle.marking.id] = [near[rectangle.name].pixels[_EQ4_FROM_OPENCV]]
-    views = detect_tags(grey, known, found, followed=True)
-    markings = {r.name: r.marking for r in known}
-    return [view for view in views if _reads_as(grey, view.pixels[_EQ4_FROM_OPENCV], markings[view.rectangle])]
-
-
-def _reads_as(grey: Picture, corners: Floats, marking: Marking) -> bool:
-    """Whether the cells within the corners (4, 2), top left first, show this tag's own bits."""
-    assert isinstance(marking, TagMarking)
-    dictionary = tag_dictionary(marking.dictionary)
-    cells = dictionary.markerSize + 2
-    bits = _bits(dictionary, marking)[1:-1, 1:-1] > 0
     image_from_cell = _image_from_cell(corners, cells)
     inner = np.arange(1.5, cells - 1, dtype=float)
     grid = np.stack(np.meshgrid(inner, inner), axis=-1).reshape(-1, 2)
@@ -218,6 +147,16 @@ class TagOutlines:
         """Put others in the place of these."""
         for field in fields(self):
             getattr(self, field.name)[index] = getattr(others, field.name)
+
+
+def toned_corners(grey: Picture, outlines: TagOutlines, cells: Mask) -> tuple[Floats, Floats]:
+    """Corners (N, 4, 2) px of outlines in the tone that the insides of the sure ones show, and the error (N, 4, 2) px
+    that all share with it. cells (N, n, n): which are white, the black border included."""
+    sure, tone = outlines.sure, USUAL_TONE
+    if sure.any():
+        tone = tone_from_tags(grey, outlines.corners[sure], outlines.blur[sure], cells[sure].astype(float), tone)
+    moved = outlines.by_gamma * np.log(tone.gamma / USUAL_TONE.gamma)
+    return outlines.corners + moved, tone.sigma * outlines.by_gamma
 
 
 def refine_tags(grey: Picture, rough: Floats, cells: int, still: bool = False) -> TagOutlines:
@@ -381,11 +320,3 @@ def _ring(cells: int, depth: float) -> Floats:
     low, high, same = depth, cells - depth, np.ones_like(along)
     sides = [(along, low * same), (high * same, along), (along, high * same), (low * same, along)]
     return np.concatenate([np.stack(side, axis=1) for side in sides])
-
-
-def check_tag_rectangle(rectangle: Rectangle) -> str:
-    """The canonical name of the rectangle's dictionary. Raises QuadrigError where it or the tag does not exist."""
-    assert isinstance(rectangle.marking, TagMarking)
-    name = canonical_dictionary(rectangle.marking.dictionary)
-    check_tag_id(name, rectangle.marking.id, f"rectangle {rectangle.name!r}")
-    return name

@@ -16,7 +16,7 @@ from quadrig.single.lens import Intrinsics
 from quadrig.single.pose import Pose
 from quadrig.single.rectangle import Rectangle
 from quadrig.single.render.capture import Capture, for_all_colours, take_picture
-from quadrig.single.render.marking_image import marking_image, quiet_zone
+from quadrig.single.render.marking_image import marking_image
 from quadrig.single.render.room import Room, room_light
 
 # Reflectance of printer's ink and of office paper.
@@ -53,7 +53,7 @@ class Sheet:
     @property
     def border(self) -> float:
         """Metres of sheet beyond the rectangle."""
-        return quiet_zone(self.rectangle) if self.margin is None else self.margin
+        return self.rectangle.marking.quiet_zone(self.rectangle) if self.margin is None else self.margin
 
     @property
     def size(self) -> tuple[float, float]:

@@ -26,6 +26,13 @@ def test_one_picture() -> None:
         assert_within_sigmas(line)
 
 
+def test_own_marking() -> None:
+    lines = run("07_own_marking.py").splitlines()
+    assert len(lines) == 2
+    for line in lines:
+        assert_within_sigmas(line)
+
+
 def test_rig_from_views() -> None:
     lines = run("03_rig_from_views.py").splitlines()
     assert len(lines) == 3

@@ -6,7 +6,8 @@ import numpy as np
 
 from quadrig.rig.result import Camera, PlacedRectangle, Rig, ViewFit
 from quadrig.single.lens import Intrinsics
-from quadrig.single.marking import CharucoMarking, TagMarking, board_points
+from quadrig.single.markings.charuco import CharucoMarking
+from quadrig.single.markings.tag import TagMarking
 from quadrig.single.pose import Pose
 from quadrig.single.rectangle import Rectangle
 from quadrig.single.view import View
@@ -58,8 +59,7 @@ def simulate_views(cameras, rectangles, rng, noise=NOISE) -> list[View]:
     views = []
     for placed in rectangles:
         rectangle = placed.rectangle
-        board = isinstance(rectangle.marking, CharucoMarking)
-        points = board_points(5, 4, 0.06) if board else rectangle.corners
+        points = rectangle.marking.points(rectangle)
         for row, frameset in enumerate(placed.framesets if rectangle.moving else range(2)):
             pose = placed.rig_from_rect[row] if rectangle.moving else placed.rig_from_rect
             for camera in cameras:

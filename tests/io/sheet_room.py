@@ -6,7 +6,8 @@ from functools import lru_cache
 import numpy as np
 
 from quadrig.single.lens import Intrinsics
-from quadrig.single.marking import CharucoMarking, TagMarking
+from quadrig.single.markings.charuco import CharucoMarking
+from quadrig.single.markings.tag import TagMarking
 from quadrig.single.pose import Pose
 from quadrig.single.rectangle import Rectangle
 from quadrig.single.render.capture import Capture

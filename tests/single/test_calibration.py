@@ -8,7 +8,8 @@ from quadrig.single.calibration import calibrate_view, calibrate_views
 from quadrig.single.detect.image_search import detect_views
 from quadrig.single.errors import QuadrigError
 from quadrig.single.lens import Intrinsics
-from quadrig.single.marking import ChessboardMarking, board_points
+from quadrig.single.markings.boards import board_points
+from quadrig.single.markings.chessboard import ChessboardMarking
 from quadrig.single.pose import Pose
 from quadrig.single.rectangle import Rectangle, rectangle_corners
 from quadrig.single.rotation import rotation_from_angles

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from quadrig.single.errors import QuadrigError
-from quadrig.single.marking import board_points
+from quadrig.single.markings.boards import board_points
 from quadrig.single.pose import Pose
 from quadrig.single.rectangle import PAPER_SIZES, Rectangle, rectangle_corners
 

@@ -17,7 +17,7 @@ from quadrig.io.batch.fleet import FleetJob, dask_executor, find_jobs, run_fleet
 from quadrig.io.rig_file.rig_mcap import read_rig
 from quadrig.single.errors import QuadrigError
 from quadrig.single.lens import Intrinsics
-from quadrig.single.marking import TagMarking
+from quadrig.single.markings.tag import TagMarking
 from quadrig.single.pose import Pose
 from quadrig.single.rectangle import Rectangle
 from quadrig.single.render.capture import Capture

@@ -15,7 +15,7 @@ import pytest
 from quadrig.io import calibrate_recording, read_config, read_rig
 from quadrig.io.commands import main as commands
 from quadrig.single.lens import Intrinsics
-from quadrig.single.marking import TagMarking
+from quadrig.single.markings.tag import TagMarking
 from quadrig.single.pose import Pose
 from quadrig.single.rectangle import Rectangle
 from quadrig.single.render.capture import Capture

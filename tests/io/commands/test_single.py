@@ -8,7 +8,8 @@ import pytest
 
 from quadrig.io.commands.main import run
 from quadrig.single.lens import Intrinsics
-from quadrig.single.marking import PlainMarking, TagMarking
+from quadrig.single.markings.blank_sheet import PlainMarking
+from quadrig.single.markings.tag import TagMarking
 from quadrig.single.pose import Pose
 from quadrig.single.rectangle import Rectangle
 from quadrig.single.render.picture import Sheet, render_image

@@ -14,7 +14,7 @@ from quadrig.io.sheet.layout import paper_named, parse_ids, parse_measured
 from quadrig.single.arrays import Picture
 from quadrig.single.detect.image_search import detect_views
 from quadrig.single.errors import QuadrigError
-from quadrig.single.marking import ChessboardMarking
+from quadrig.single.markings.chessboard import ChessboardMarking
 from quadrig.single.rectangle import PAPER_SIZES, Rectangle
 
 DPI = 150

@@ -1,11 +1,17 @@
 """rig.toml: what is read is what was meant, what is wrong is said in one sentence, what is written is read back."""
 
+from dataclasses import dataclass
+from typing import ClassVar
+
 import numpy as np
 import pytest
 
 from quadrig.io.config.rig_toml import RigConfig, config_text, parse_config, read_config, write_config
 from quadrig.single.errors import QuadrigError
-from quadrig.single.marking import CharucoMarking, TagMarking
+from quadrig.single.markings.charuco import CharucoMarking
+from quadrig.single.markings.registry import register
+from quadrig.single.markings.tag import TagMarking
+from quadrig.single.rectangle import Marking
 
 ROOM = """
 reference = "cam0"      # the rig frame
@@ -43,7 +49,7 @@ def test_a_room_is_read_as_meant() -> None:
     desk, board, sheet = config.rectangles
     assert config.reference == "cam0"
     assert desk.marking == TagMarking("apriltag_36h11", 7)
-    assert isinstance(board.marking, CharucoMarking)
+    assert board.marking == CharucoMarking(4, 5, 0.054, 0.04, "aruco_4x4_1000")
     assert (board.width, board.height, board.moving) == (pytest.approx(0.216), pytest.approx(0.27), True)
     assert (sheet.width, sheet.moving) == (0.21, False)
     assert desk.world_from_rect is not None
@@ -123,3 +129,22 @@ def test_a_file_that_is_not_there_is_named(tmp_path) -> None:
         read_config(tmp_path / "nowhere.toml")
     with pytest.raises(QuadrigError, match="cannot be read"):
         read_config(tmp_path)
+
+
+def test_a_kind_of_marking_from_outside_is_read_and_written() -> None:
+    @register
+    @dataclass(frozen=True)
+    class Crosses(Marking):
+        count: int
+        arm: float = 0.01
+
+        kind: ClassVar[str] = "crosses"
+
+    text = '[[rectangle]]\nname = "r"\nwidth = 0.2\nheight = 0.1\nmarking = { kind = "crosses", count = 3 }\n'
+    (rectangle,) = parse_config(text).rectangles
+    assert rectangle.marking == Crosses(3)
+    assert config_text(parse_config(text)) == text
+    with pytest.raises(QuadrigError, match=r"line 5.*count"):
+        parse_config(text.replace("count = 3", "count = 'three'"))
+    with pytest.raises(QuadrigError, match=r"line 5.*legs.*count, arm"):
+        parse_config(text.replace("count = 3", "count = 3, legs = 2"))

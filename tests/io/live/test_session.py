@@ -11,7 +11,7 @@ from quadrig.io.live.capture.source_spec import parse_source
 from quadrig.io.live.plan import SetupPlan
 from quadrig.io.live.session import run_setup
 from quadrig.io.live.state import SetupState
-from quadrig.single.marking import TagMarking
+from quadrig.single.markings.tag import TagMarking
 from quadrig.single.rectangle import Rectangle
 from quadrig.single.render.picture import Sheet, render_image
 

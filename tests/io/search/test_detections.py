@@ -21,7 +21,7 @@ from quadrig.io.search.detections import find_detections, find_views
 from quadrig.io.search.effort import Effort
 from quadrig.io.workers import run_tasks
 from quadrig.single.errors import QuadrigError
-from quadrig.single.marking import TagMarking
+from quadrig.single.markings.tag import TagMarking
 from quadrig.single.rectangle import Rectangle
 
 COUNT = 20
@@ -176,7 +176,7 @@ from quadrig.io.recording.framesets import build_framesets
 from quadrig.io.recording.recorded_cameras import open_recording
 from quadrig.io.search.detections import find_views
 from quadrig.io.search.effort import Effort
-from quadrig.single.marking import ChessboardMarking
+from quadrig.single.markings.chessboard import ChessboardMarking
 from quadrig.single.rectangle import Rectangle
 
 opened = open_recording([Path(sys.argv[1])])

@@ -11,7 +11,8 @@ from quadrig.rig.doubt.working_accuracy import working_accuracy
 from quadrig.rig.result import Camera, PlacedRectangle, Rig
 from quadrig.rig.words import length
 from quadrig.single.lens import LENS_PARAMETERS, Intrinsics, LensModel
-from quadrig.single.marking import ChessboardMarking, TagMarking
+from quadrig.single.markings.chessboard import ChessboardMarking
+from quadrig.single.markings.tag import TagMarking
 from quadrig.single.pose import Pose
 from quadrig.single.rectangle import Rectangle
 from quadrig.single.rotation import rotation_from_vector

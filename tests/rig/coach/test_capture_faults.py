@@ -16,7 +16,9 @@ from quadrig.rig.coach.novelty import Places, displaced, news, outlines_of, spee
 from quadrig.rig.coach.printed_scale import relative_scales, scale_fault
 from quadrig.rig.result import Camera, PlacedRectangle, Rig, ViewFit
 from quadrig.single.lens import Intrinsics
-from quadrig.single.marking import CharucoMarking, TagMarking, board_points
+from quadrig.single.markings.boards import board_points
+from quadrig.single.markings.charuco import CharucoMarking
+from quadrig.single.markings.tag import TagMarking
 from quadrig.single.pose import Pose
 from quadrig.single.rectangle import Rectangle
 from quadrig.single.render.capture import Capture

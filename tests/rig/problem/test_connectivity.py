@@ -9,7 +9,7 @@ from quadrig.rig.calibration import calibrate
 from quadrig.rig.problem.camera_input import CameraInput
 from quadrig.single.errors import QuadrigError
 from quadrig.single.lens import project
-from quadrig.single.marking import board_points
+from quadrig.single.markings.boards import board_points
 from quadrig.single.pose import Pose
 from quadrig.single.rectangle import Rectangle
 from quadrig.single.rotation import rotation_from_vector

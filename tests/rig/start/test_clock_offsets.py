@@ -11,7 +11,7 @@ from quadrig.rig.problem.build import build_problem
 from quadrig.rig.problem.camera_input import CameraInput
 from quadrig.rig.start.clock_offsets import path_offsets, regroup
 from quadrig.single.lens import Intrinsics
-from quadrig.single.marking import board_points
+from quadrig.single.markings.boards import board_points
 from quadrig.single.pose import Pose
 from quadrig.single.rectangle import Rectangle
 from quadrig.single.view import View

@@ -6,14 +6,16 @@ import numpy as np
 import pytest
 
 from quadrig.single.arrays import Floats, Picture
-from quadrig.single.detect.blank_sheet import detect_plain
 from quadrig.single.detect.dictionaries import canonical_dictionary, dictionary_names
 from quadrig.single.detect.image_search import check_rectangles, detect_views
 from quadrig.single.errors import QuadrigError
 from quadrig.single.lens import Intrinsics
-from quadrig.single.marking import CharucoMarking, ChessboardMarking, Marking, PlainMarking, TagMarking
+from quadrig.single.markings.blank_sheet import PlainMarking
+from quadrig.single.markings.charuco import CharucoMarking
+from quadrig.single.markings.chessboard import ChessboardMarking
+from quadrig.single.markings.tag import TagMarking
 from quadrig.single.pose import Pose
-from quadrig.single.rectangle import Rectangle
+from quadrig.single.rectangle import Marking, Rectangle
 from quadrig.single.render.capture import Capture
 from quadrig.single.render.picture import Sheet, ray_grid, render_image
 from quadrig.single.rotation import rotation_from_vector
@@ -132,7 +134,7 @@ def test_two_blank_sheets_are_no_view():
 
 def test_printed_sheet_is_not_blank():
     image = picture(TAG, pose(0, 0, 0.5))
-    assert detect_plain(image, PLAIN) is None
+    assert detect_views(image, [PLAIN]) == []
 
 
 def test_hidden_corner_gives_no_tag():
@@ -229,16 +231,17 @@ def test_april_tag_names_are_read(name):
 
 def test_wrong_dictionary_names_those_that_exist():
     with pytest.raises(QuadrigError, match="apriltag_99h9") as raised:
-        detect_views(np.zeros((50, 50), np.uint8), [Rectangle("t", 1, 1, TagMarking("apriltag_99h9", 0))])
+        TagMarking("apriltag_99h9", 0)
     assert all(name in str(raised.value) for name in dictionary_names())
 
 
-@pytest.mark.parametrize(
-    "marking", [TagMarking("aruco_4x4_50", 50), TagMarking("aruco_4x4_50", -1), charuco(first_id=45).marking]
-)
-def test_tag_that_does_not_exist_is_named(marking: Marking):
-    with pytest.raises(QuadrigError, match=r"rectangle 'sheet'.*no tag"):
-        check_rectangles([Rectangle("sheet", 0.25, 0.2, marking)])
+@pytest.mark.parametrize(("first_id", "missing"), [(-1, "-1"), (45, "54"), (50, "50")])
+def test_tag_that_does_not_exist_is_named(first_id, missing):
+    with pytest.raises(QuadrigError, match=f"no tag {missing}"):
+        charuco(first_id=first_id)
+    if missing == str(first_id):
+        with pytest.raises(QuadrigError, match=f"no tag {missing}"):
+            TagMarking("aruco_4x4_50", first_id)
 
 
 @pytest.mark.parametrize("marking", [TAG.marking, CHESS.marking, PLAIN.marking, BOARDS[0].marking])

@@ -8,7 +8,9 @@ import pytest
 
 from quadrig.single.arrays import Picture
 from quadrig.single.detect.image_search import detect_views
-from quadrig.single.marking import CharucoMarking, ChessboardMarking, TagMarking
+from quadrig.single.markings.charuco import CharucoMarking
+from quadrig.single.markings.chessboard import ChessboardMarking
+from quadrig.single.markings.tag import TagMarking
 from quadrig.single.rectangle import Rectangle
 from quadrig.single.view import View
 

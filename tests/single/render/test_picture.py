@@ -4,12 +4,15 @@ import numpy as np
 import pytest
 
 from quadrig.single.lens import Intrinsics
-from quadrig.single.marking import CharucoMarking, ChessboardMarking, PlainMarking, TagMarking
+from quadrig.single.markings.blank_sheet import PlainMarking
+from quadrig.single.markings.charuco import CharucoMarking
+from quadrig.single.markings.chessboard import ChessboardMarking
+from quadrig.single.markings.tag import TagMarking
 from quadrig.single.pose import Pose
 from quadrig.single.rectangle import Rectangle
 from quadrig.single.render.capture import LINEAR, SRGB, Capture, Hand, Shadow, ToneCurve
 from quadrig.single.render.ground import fabric, wood
-from quadrig.single.render.marking_image import marking_image, marking_patches, quiet_zone
+from quadrig.single.render.marking_image import marking_image, marking_patches
 from quadrig.single.render.picture import Sheet, backdrop, ray_grid, render_image
 from quadrig.single.render.room import Room
 
@@ -130,7 +133,7 @@ def test_room_is_lit_and_soft():
 def test_patches_fill_the_rectangle_and_stay_within_the_sheet(marking):
     rectangle = Rectangle("r", 0.2, 0.16, marking)
     sheet, *rest = marking_patches(rectangle)
-    assert sheet.right == pytest.approx(0.1 + quiet_zone(rectangle))
+    assert sheet.right == pytest.approx(0.1 + rectangle.marking.quiet_zone(rectangle))
     if rest:
         assert min(p.left for p in rest) >= -0.1 - 1e-12
         assert max(p.bottom for p in rest) <= 0.08 + 1e-12

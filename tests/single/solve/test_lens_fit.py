@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from quadrig.single.lens import Intrinsics
-from quadrig.single.marking import board_points
+from quadrig.single.markings.boards import board_points
 from quadrig.single.pose import Pose
 from quadrig.single.rotation import rotation_from_angles
 from quadrig.single.solve.lens_fit import fit_lens

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from quadrig.single.marking import board_points
+from quadrig.single.markings.boards import board_points
 from quadrig.single.pose import Pose
 from quadrig.single.rectangle import rectangle_corners
 from quadrig.single.rotation import rotation_from_angles

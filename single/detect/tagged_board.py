@@ -1,4 +1,7 @@
-"""Chessboards and ChArUco boards: their inner corners to sub-pixel accuracy."""
+"""Boards of squares with tags between: the inner corners that are in sight, to sub-pixel accuracy."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -13,17 +16,9 @@ from quadrig.single.detect.board_corners import (
     view_sigma,
 )
 from quadrig.single.detect.corner_fit import fit_corners
-from quadrig.single.detect.dictionaries import canonical_dictionary, check_tag_id
 from quadrig.single.detect.local_homography import local_homographies, mapped
 from quadrig.single.detect.tone import LightImage, Tone
-from quadrig.single.marking import (
-    CharucoMarking,
-    board_points,
-    charuco_tag_squares,
-    starts_with_tag,
-)
-from quadrig.single.rectangle import Rectangle
-from quadrig.single.view import View
+from quadrig.single.rectangle import FoundTags
 
 # Squares from a tag's corner to the corners of its own square, and from a corner to the next: what lies farther is
 # found from those, and from those in turn, for a prediction from few tags goes astray beyond.
@@ -32,45 +27,60 @@ _BESIDE, _NEXT, _ROUNDS = 0.7, 1.5, 3
 _PLANE = 2.0
 
 
-# --------------------------------------------------------------------------------------------------- ChArUco boards
+@dataclass(frozen=True, eq=False)
+class TaggedBoard:
+    """A board as its printer knows it, metres.
 
-
-def detect_charuco(grey: Picture, rectangle: Rectangle, found: dict[int, list[Floats]]) -> View | None:
-    """The View of a ChArUco board from the rough corners of the tags found, by id, or None.
-
-    At least four inner corners that are not in one line make a View.
+    corners (P, 2): where four squares meet; signs (P,): 1 where the square at the top left of a corner is dark, -1
+    where it is light. square: side of a square; clear: share of it around the squares' edges that is free of print.
+    tags: corners (4, 2) of each tag by its id, top left first and clockwise.
     """
-    marking = rectangle.marking
-    assert isinstance(marking, CharucoMarking)
-    tags, pixels = _tag_corners(marking, found)
+
+    corners: Floats
+    signs: Ints
+    square: float
+    clear: float
+    tags: Mapping[int, Floats]
+
+
+@dataclass(frozen=True, eq=False)
+class FoundCorners:
+    """Corners of a board in a picture: which (K,) of it, pixels (K, 2), and their standard deviation, px."""
+
+    index: Ints
+    pixels: Floats
+    sigma: float
+
+
+def find_board(grey: Picture, board: TaggedBoard, found: FoundTags) -> FoundCorners | None:
+    """The corners of a board in a picture, from the rough corners of the tags found; None where it is not there.
+
+    At least four corners that are not in one line are a board.
+    """
+    tags, pixels = _agreeing(*_tag_corners(board, found))
     if not len(tags):
         return None
-    tags, pixels = _agreeing(tags, pixels)
-    if not len(tags):
-        return None
-    points = board_points(marking.columns, marking.rows, marking.square)[:, :2]
-    places, axes, trusted = _predict(points, tags.reshape(-1, 2), pixels.reshape(-1, 2), marking, grey.shape, _BESIDE)
+    places, axes, trusted = _predict(board, tags.reshape(-1, 2), pixels.reshape(-1, 2), grey.shape, _BESIDE)
     light = LightImage(grey)
-    pixels_found, sigma, good, tone = _fit_charuco(light, marking, places, axes, trusted)
+    pixels_found, sigma, good, tone = _fit(light, board, places, axes, trusted)
     if tone is not None:
         light = LightImage(grey, tone)
-        pixels_found, sigma, good, _ = _fit_charuco(light, marking, places, axes, trusted)
+        pixels_found, sigma, good, _ = _fit(light, board, places, axes, trusted)
     for _ in range(_ROUNDS):
-        good[good] = _on_one_plane(points[good], pixels_found[good])
+        good[good] = _on_one_plane(board.corners[good], pixels_found[good])
         if np.count_nonzero(good) < 4:
             break
-        places, axes, near = _predict(points, points[good], pixels_found[good], marking, grey.shape, _NEXT)
+        places, axes, near = _predict(board, board.corners[good], pixels_found[good], grey.shape, _NEXT)
         near &= ~good
         if not near.any():
             break
-        again, sigma_again, good_again, _ = _fit_charuco(light, marking, places, axes, near)
+        again, sigma_again, good_again, _ = _fit(light, board, places, axes, near)
         pixels_found[good_again], sigma[good_again] = again[good_again], sigma_again[good_again]
         good |= good_again
-    good &= _smooth(points, pixels_found, good, marking.square)
-    if not _spans_plane(points[good] / marking.square):
+    good &= _smooth(board, pixels_found, good)
+    if not _spans_plane(board.corners[good] / board.square):
         return None
-    flat = np.concatenate([points, np.zeros((len(points), 1))], axis=1)
-    return View(rectangle.name, flat[good], pixels_found[good], sigma=view_sigma(sigma[good]))
+    return FoundCorners(np.flatnonzero(good), pixels_found[good], view_sigma(sigma[good]))
 
 
 def _on_one_plane(points: Floats, pixels: Floats) -> Mask:
@@ -98,16 +108,10 @@ def _spans_plane(points: Floats) -> bool:
     return bool(np.linalg.matrix_rank(np.concatenate(rows), tol=1e-6) == 8)
 
 
-def _tag_corners(marking: CharucoMarking, found: dict[int, list[Floats]]) -> tuple[Floats, Floats]:
+def _tag_corners(board: TaggedBoard, found: FoundTags) -> tuple[Floats, Floats]:
     """Corners (N, 4, 2) of the board's tags that were seen: on the board (m), and in the image (px)."""
-    half = marking.marker / 2
-    square = np.array([[-half, -half], [half, -half], [half, half], [-half, half]])
-    tags, pixels = [], []
-    for offset, (column, row) in enumerate(charuco_tag_squares(marking)):
-        middle = np.array([column + 0.5 - marking.columns / 2, row + 0.5 - marking.rows / 2]) * marking.square
-        for quad in found.get(marking.first_id + offset, []):
-            tags.append(middle + square)
-            pixels.append(quad)
+    seen = [(corners, quad) for tag, corners in board.tags.items() for quad in found.get(tag, [])]
+    tags, pixels = [corners for corners, _ in seen], [quad for _, quad in seen]
     return np.array(tags).reshape(-1, 4, 2), np.array(pixels).reshape(-1, 4, 2)
 
 
@@ -128,14 +132,14 @@ def _agreeing(tags: Floats, pixels: Floats) -> tuple[Floats, Floats]:
 
 
 def _predict(
-    points: Floats, known: Floats, pixels: Floats, marking: CharucoMarking, shape: tuple[int, ...], reach: float
+    board: TaggedBoard, known: Floats, pixels: Floats, shape: tuple[int, ...], reach: float
 ) -> tuple[Floats, Floats, Mask]:
-    """Where board points (P, 2) should appear, by the homography of the known points nearest to each.
+    """Where the board's corners should appear, by the homography of the known points nearest to each.
 
     Returns places (P, 2) px, axes (P, 2, 2) px of one square's sides, and which places are within reach (in squares)
     of known points.
     """
-    square = marking.square
+    points, square = board.corners, board.square
     distance = np.abs(known[None] - points[:, None]).max(axis=2)
     count = min(8, len(known))
     near = np.argsort(distance, axis=1, kind="stable")[:, :count]
@@ -158,16 +162,15 @@ def _predict(
     return places, axes, known_well & trusted & inside & (np.linalg.det(axes) > 4)
 
 
-def _fit_charuco(
-    light: LightImage, marking: CharucoMarking, places: Floats, axes: Floats, wanted: Mask
+def _fit(
+    light: LightImage, board: TaggedBoard, places: Floats, axes: Floats, wanted: Mask
 ) -> tuple[Floats, Floats, Mask, Tone | None]:
     """Corners (P, 2), sigma (P,), which (P,) of the wanted ones are sure, and the tone that would suit better."""
     pixels, sigma, good = places.copy(), np.full(len(places), np.inf), np.zeros(len(places), bool)
     index = np.flatnonzero(wanted)
     if not len(index):
         return pixels, sigma, good, None
-    clear = (1 - marking.marker / marking.square) / 2
-    fit = fit_corners(light, places[index], axes[index], corner_window(axes[index]), clear)
+    fit = fit_corners(light, places[index], axes[index], corner_window(axes[index]), board.clear)
     shift = fit.pixels - places[index]
     far = np.linalg.norm(shift, axis=1)
     again = np.flatnonzero(far > RECENTRE)
@@ -175,28 +178,22 @@ def _fit_charuco(
         # The window follows the corner, a few pixels at most, so that it holds the four squares evenly.
         here = places[index[again]] + shift[again] * np.minimum(1, 4 / far[again, None])
         own_axes = axes[index[again]]
-        fit = fit.changed(again, fit_corners(light, here, own_axes, corner_window(own_axes), clear))
+        fit = fit.changed(again, fit_corners(light, here, own_axes, corner_window(own_axes), board.clear))
     side = np.linalg.norm(axes[index], axis=2).min(axis=1)
     moved = np.linalg.norm(fit.pixels - places[index], axis=1)
     sure = good_corners(fit) & alike_corners(fit) & (moved < np.maximum(1.5, 0.2 * side))
-    sure &= np.sign(fit.contrast) == _expected_signs(marking)[index]
+    sure &= np.sign(fit.contrast) == board.signs[index]
     pixels[index], sigma[index], good[index] = fit.pixels, fit.sigma, sure
     return pixels, sigma, good, better_tone(fit, sure)
 
 
-def _expected_signs(marking: CharucoMarking) -> Ints:
-    rows, columns = np.meshgrid(np.arange(marking.rows - 1), np.arange(marking.columns - 1), indexing="ij")
-    black_first = -1 if starts_with_tag(marking) != marking.inverted else 1
-    return (black_first * (1 - 2 * ((rows + columns) % 2))).ravel()
-
-
-def _smooth(points: Floats, pixels: Floats, good: Mask, square: float) -> Mask:
+def _smooth(board: TaggedBoard, pixels: Floats, good: Mask) -> Mask:
     """Which corners agree with the homography of their neighbours: a corner on a wrong edge does not."""
     keep = good.copy()
     index = np.flatnonzero(good)
     if len(index) < 6:
         return keep
-    place = points[index] / square
+    place = board.corners[index] / board.square
     distance = np.linalg.norm(place[:, None] - place[None], axis=2)
     np.fill_diagonal(distance, np.inf)
     near = np.argsort(distance, axis=1, kind="stable")[:, : min(8, len(index) - 1)]
@@ -208,13 +205,3 @@ def _smooth(points: Floats, pixels: Floats, good: Mask, square: float) -> Mask:
     # neighbours fix no homography (nan) there is no evidence against the corner.
     keep[index] = ~(error > np.maximum(1.0, 0.12 * side))
     return keep
-
-
-def check_board_rectangle(rectangle: Rectangle) -> str:
-    """The canonical name of a ChArUco board's dictionary. Raises QuadrigError where it has too few tags."""
-    marking = rectangle.marking
-    assert isinstance(marking, CharucoMarking)
-    name = canonical_dictionary(marking.dictionary)
-    for tag_id in (marking.first_id, marking.first_id + len(charuco_tag_squares(marking)) - 1):
-        check_tag_id(name, tag_id, f"rectangle {rectangle.name!r}")
-    return name

@@ -1,0 +1,46 @@
+"""Markings in rig.toml: the keys of a kind are the fields of its dataclass, whatever kinds there are."""
+
+from collections.abc import Sequence
+from dataclasses import MISSING, fields
+from functools import cache
+from typing import Any, Union, get_type_hints
+
+import msgspec
+
+from quadrig.single.markings.registry import marking_kinds
+from quadrig.single.rectangle import Marking
+
+
+def marking_table(kinds: Sequence[type[Marking]]) -> Any:
+    """The type of a marking's table in rig.toml: one of those of these kinds."""
+    return Union[tuple(_table(kind) for kind in kinds)]  # noqa: UP007 - known only as the program runs
+
+
+@cache
+def _table(kind: type[Marking]) -> type[msgspec.Struct]:
+    types = get_type_hints(kind)
+    keys: list[str | tuple[str, Any] | tuple[str, Any, Any]] = []
+    for key in fields(kind):
+        if key.default is not MISSING:
+            keys.append((key.name, types[key.name], key.default))
+        elif key.default_factory is not MISSING:
+            keys.append((key.name, types[key.name], msgspec.field(default_factory=key.default_factory)))
+        else:
+            keys.append((key.name, types[key.name]))
+    return msgspec.defstruct(kind.__name__, keys, tag=kind.kind, tag_field="kind", forbid_unknown_fields=True)
+
+
+def marking_of(table: msgspec.Struct) -> Marking:
+    """The marking of a table. Raises QuadrigError where there can be no such marking."""
+    values = msgspec.to_builtins(table)
+    return marking_kinds()[values.pop("kind")](**values)
+
+
+def marking_keys(marking: Marking) -> dict[str, object]:
+    """What rig.toml says of a marking: its kind, and what is not as usual."""
+    keys: dict[str, object] = {"kind": marking.kind}
+    for key in fields(marking):
+        value = getattr(marking, key.name)
+        if key.default is MISSING or value != key.default:
+            keys[key.name] = value
+    return keys

@@ -1,0 +1,16 @@
+"""What is printed: patches of ink and paper, which stay exact at any size."""
+
+from dataclasses import dataclass
+
+INK, PAPER = 0.0, 1.0
+
+
+@dataclass(frozen=True)
+class Patch:
+    """An upright rectangle of one tone, 0 ink to 1 paper; edges in metres in the frame of the marked rectangle."""
+
+    left: float
+    top: float
+    right: float
+    bottom: float
+    tone: float
