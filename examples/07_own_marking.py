@@ -100,9 +100,8 @@ class TagGridMarking(Marking):
         if not sure.any():
             return None
         # A camera's tone curve makes tags larger: what of it the picture leaves open is an error common to them all.
-        pixels, common = (
-            part[sure][:, EQ4_FROM_OPENCV].reshape(-1, 2) for part in toned_corners(grey, outlines, cells)
-        )
+        toned = toned_corners(grey, outlines, cells)
+        pixels, common = (part[sure][:, EQ4_FROM_OPENCV].reshape(-1, 2) for part in toned)
         points = self.points(rectangle).reshape(-1, 4, 3)[seen[sure]].reshape(-1, 3)
         return View(rectangle.name, points, pixels, sigma=float(outlines.sigma[sure].mean()), common=common)
 

@@ -6,9 +6,9 @@ import cv2
 import numpy as np
 
 from quadrig.single.arrays import Floats, Ints, Picture
-from quadrig.single.detect.edge_fit import fit_outline
 from quadrig.single.detect.pictures import reduced
-from quadrig.single.detect.tone import USUAL_TONE, LightImage
+from quadrig.single.subpixel.edge_fit import fit_outline
+from quadrig.single.subpixel.tone import USUAL_TONE, LightImage
 
 # Search at no more pixels than this along the image's longer side: a sheet is large.
 _SEARCH_SIDE = 640

@@ -3,8 +3,8 @@
 import numpy as np
 
 from quadrig.single.arrays import Floats, Mask
-from quadrig.single.detect.corner_fit import CornerFit
-from quadrig.single.detect.tone import USUAL_TONE, Tone
+from quadrig.single.subpixel.corner_fit import CornerFit
+from quadrig.single.subpixel.tone import USUAL_TONE, Tone
 
 # A corner whose fit leaves more than this share of its contrast unexplained (rms) is covered, torn or no corner.
 _UNEXPLAINED = 0.2

@@ -6,9 +6,9 @@ import numpy as np
 
 from quadrig.single.arrays import Floats, Picture
 from quadrig.single.detect.board_corners import RECENTRE, better_tone, corner_window, good_corners, view_sigma
-from quadrig.single.detect.corner_fit import CornerFit, fit_corners
 from quadrig.single.detect.saddle_grid import find_saddle_grid
-from quadrig.single.detect.tone import LightImage
+from quadrig.single.subpixel.corner_fit import CornerFit, fit_corners
+from quadrig.single.subpixel.tone import LightImage
 
 # Share of a row of corners beyond a board's edge that shows the board to be larger.
 _ENOUGH_OF_A_ROW = 0.6

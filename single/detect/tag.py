@@ -9,10 +9,10 @@ import numpy as np
 
 from quadrig.single.arrays import Floats, Ints, Mask, Picture
 from quadrig.single.detect.dictionaries import tag_cells, tag_dictionary
-from quadrig.single.detect.edge_fit import EdgeFit, Outline, fit_outline
 from quadrig.single.detect.pictures import reduced
-from quadrig.single.detect.tag_tone import tone_from_tags
-from quadrig.single.detect.tone import USUAL_TONE, LightImage
+from quadrig.single.subpixel.edge_fit import EdgeFit, Outline, fit_outline
+from quadrig.single.subpixel.tag_tone import tone_from_tags
+from quadrig.single.subpixel.tone import USUAL_TONE, LightImage
 
 EQ4_FROM_OPENCV = [2, 3, 0, 1]
 """OpenCV's order is top left, top right, bottom right, bottom left; Eq. 4's begins at the bottom right."""

@@ -15,10 +15,10 @@ from quadrig.single.detect.board_corners import (
     good_corners,
     view_sigma,
 )
-from quadrig.single.detect.corner_fit import fit_corners
-from quadrig.single.detect.local_homography import local_homographies, mapped
-from quadrig.single.detect.tone import LightImage, Tone
 from quadrig.single.rectangle import FoundTags
+from quadrig.single.subpixel.corner_fit import fit_corners
+from quadrig.single.subpixel.local_homography import local_homographies, mapped
+from quadrig.single.subpixel.tone import LightImage, Tone
 
 # Squares from a tag's corner to the corners of its own square, and from a corner to the next: what lies farther is
 # found from those, and from those in turn, for a prediction from few tags goes astray beyond.

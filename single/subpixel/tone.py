@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from quadrig.single.arrays import Floats, Ints, Mask, Picture, Reals, Singles
-from quadrig.single.detect.blurred_step import block_sums
+from quadrig.single.subpixel.blurred_step import block_sums
 
 # Before a picture says more: between 1 and 2.6 the world over, most near that of sRGB; the logarithm's sigma.
 _USUAL, _USUAL_SIGMA = 2.0, 0.45

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from quadrig.single.arrays import Floats, Ints, Mask, Picture, Singles
-from quadrig.single.detect.blurred_step import LEAST_NOISE, damped_step, standard_normal, variance_of_sides
-from quadrig.single.detect.local_homography import local_homographies, mapped
-from quadrig.single.detect.tone import Evidence, Tone, gamma_evidence
+from quadrig.single.subpixel.blurred_step import LEAST_NOISE, damped_step, standard_normal, variance_of_sides
+from quadrig.single.subpixel.local_homography import local_homographies, mapped
+from quadrig.single.subpixel.tone import Evidence, Tone, gamma_evidence
 
 # Places beside the edges of bits at which a tag is looked at, and tags: more tell gamma better than a power fits.
 _PLACES, _TAGS = 360, 2

@@ -5,7 +5,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from quadrig.single.arrays import Floats, Ints, Singles
-from quadrig.single.detect.blurred_step import (
+from quadrig.single.subpixel.blurred_step import (
     BLUR_SPREAD,
     ITERATIONS,
     LEAST_NOISE,
@@ -18,7 +18,7 @@ from quadrig.single.detect.blurred_step import (
     variance_of_sides,
     weighted_mean,
 )
-from quadrig.single.detect.tone import LightImage, Tone, gamma_evidence
+from quadrig.single.subpixel.tone import LightImage, Tone, gamma_evidence
 
 
 @dataclass(frozen=True, eq=False)

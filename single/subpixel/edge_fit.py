@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from quadrig.single.arrays import Floats, Mask, Singles
-from quadrig.single.detect.blurred_step import (
+from quadrig.single.subpixel.blurred_step import (
     BLUR_SPREAD,
     ITERATIONS,
     LEAST_NOISE,
@@ -23,7 +23,7 @@ from quadrig.single.detect.blurred_step import (
     variance_of_sides,
     weighted_mean,
 )
-from quadrig.single.detect.tone import LightImage, Tone, gamma_evidence
+from quadrig.single.subpixel.tone import LightImage, Tone, gamma_evidence
 
 # Bow (px over half a side of 50 px) that a strong wide-angle lens gives a straight edge; it grows with the square.
 _BOW = 0.5
