@@ -123,7 +123,7 @@ def _beside_bits(bits: Floats, reach: float) -> Floats:
     number = np.arange(_PLACES)
     spread = 2 * (number[:, None] * np.array([0.7548776662466927, 0.5698402909980532]) % 1) - 1
     edge = number % len(middle)
-    return middle[edge] + spread * size[edge]
+    return np.asarray(middle[edge] + spread * size[edge], float)
 
 
 def _mixed_differences(bits: Floats) -> Singles:
