@@ -287,3 +287,4 @@ def test_any_leading_shape(shape, known):
     bound = cramer_rao(points, four.focal, four.camera_from_rect, centres, 0.3)
     assert bound.shape == (*shape, 9, 9)
     assert np.allclose(bound.reshape(-1, 81), bound.reshape(-1, 81)[:1])
+    assert paper_sigmas(bound, four.camera_from_rect).shape == (*shape, 7)
