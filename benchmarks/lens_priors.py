@@ -2,8 +2,10 @@
 
 Each part of a lens (radial terms, principal point, tangential terms, aspect, focal) is a mixture of Gaussians, fitted
 by expectation-maximisation with one vote a repository. Terms that a calibration held fixed are missing, not zero.
-Badly made calibrations: of principal points, tangential terms and aspect the widest of three components is taken for
-their error and left out; of radial terms a wide component of its own takes them up.
+Badly made calibrations: sensors have square pixels, so a calibration's own aspect shows how well it was made (where
+it is off by more than 0.4 %, tangential terms are seven times as large as where it is off by less than 0.07 %).
+Principal points and tangential terms are learned from those that are off by less than 0.15 %; of the aspect the
+widest of three components is taken for error and left out. Radial terms have a wide component of their own.
 
     python benchmarks/lens_priors.py ../shared/data/lenses/lenses.csv single/lens_table.py
 """
@@ -23,6 +25,8 @@ _NOT_A_LENS = ("wild", "swapped", "anamorphic")
 _LEAST_SPREAD = np.array([0.02, 0.01, 0.005])
 _LEAST_SPREAD_ROWS = 4.0
 _ROUNDS = 60
+# A calibration whose pixels are square to this is well made: a third of those of which the aspect was free.
+_SQUARE = 0.0015
 
 _HEAD = '''"""What lenses people use, learned from published calibrations: benchmarks/lens_priors.py writes this file.
 
@@ -103,11 +107,12 @@ def _moments(values: Floats, weight: Floats, mean: Floats, covariance: Floats) -
     return mean, ((weight[:, None] * off).T @ off + more + floor) / (weight.sum() + _LEAST_SPREAD_ROWS)
 
 
-def widths(values: Floats, weight: Floats) -> list[tuple[float, float]]:
-    """Shares and sigmas of the two narrower of three zero-mean Gaussians; the widest is error of calibrations."""
-    known: Mask = np.isfinite(values)
+def widths(values: Floats, weight: Floats, components: int) -> list[tuple[float, float]]:
+    """Shares and sigmas of the two narrowest of some zero-mean Gaussians; a third is error of calibrations."""
+    known: Mask = np.isfinite(values) & (weight > 0)
     values, weight = values[known], weight[known]
-    share, sigma = np.full(3, 1 / 3), np.quantile(np.abs(values), [0.3, 0.7, 0.95])
+    share = np.full(components, 1 / components)
+    sigma = np.quantile(np.abs(values), np.linspace(0.3, 0.95, components))
     for _ in range(5 * _ROUNDS):
         log = np.log(share) - 0.5 * (values[:, None] / sigma) ** 2 - np.log(sigma)
         belongs = np.exp(log - np.logaddexp.reduce(log, axis=1)[:, None]) * weight[:, None]
@@ -147,16 +152,17 @@ def main() -> None:
     )
     tangential = np.array([[_number(r, key, "p fixed") for r in rows] for key in ("p1", "p2")])
     aspect = np.array([_number(r, "fy", "fx=fy") / float(r["fx"]) - 1 for r in rows])
+    well_made = weight * (np.abs(aspect) < _SQUARE)
     fisheyes, fisheye_weight = rows_of(source, "fisheye")
     bends = np.array([[_number(r, key) for key in ("k1", "k2", "k3", "k4")] for r in fisheyes])
     bends_mean = np.average(bends, axis=0, weights=fisheye_weight)
     bends_sigma = np.sqrt(np.average((bends - bends_mean) ** 2, axis=0, weights=fisheye_weight))
-    both = np.concatenate([weight, weight])
+    both = np.concatenate([well_made, well_made])
     tables: dict[str, tuple[object, str]] = {
         "RADIAL": (radial, "Weight, mean and covariance of each class: barrel, nearly none, pincushion, any."),
-        "CENTRE": (widths(centre.ravel(), both), "Weight and sigma, of each coordinate, of the larger side."),
-        "TANGENTIAL": (widths(tangential.ravel(), both), "Weight and sigma of p1 and p2."),
-        "ASPECT": (widths(aspect, weight), "Weight and sigma of the aspect about 1."),
+        "CENTRE": (widths(centre.ravel(), both, 2), "Weight and sigma, of each coordinate, of the larger side."),
+        "TANGENTIAL": (widths(tangential.ravel(), both, 2), "Weight and sigma of p1 and p2."),
+        "ASPECT": (widths(aspect, weight, 3), "Weight and sigma of the aspect about 1."),
         "FOCAL": (log_focal(rows, weight), "Mean and sigma of log(focal / larger side)."),
         "FISHEYE": ((bends_mean, bends_sigma), "Mean and sigma of k1 to k4 of the equidistant polynomial."),
         "FISHEYE_FOCAL": (log_focal(fisheyes, fisheye_weight), "As FOCAL, of fisheyes."),

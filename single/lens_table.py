@@ -24,10 +24,10 @@ RADIAL = (
 )
 """Weight, mean and covariance of each class: barrel, nearly none, pincushion, any."""
 
-CENTRE = ((0.524, 0.00725), (0.476, 0.0268))
+CENTRE = ((0.513, 0.00607), (0.487, 0.0264))
 """Weight and sigma, of each coordinate, of the larger side."""
 
-TANGENTIAL = ((0.513, 0.000927), (0.487, 0.00329))
+TANGENTIAL = ((0.881, 0.00126), (0.119, 0.0108))
 """Weight and sigma of p1 and p2."""
 
 ASPECT = ((0.63, 0.00205), (0.37, 0.00717))

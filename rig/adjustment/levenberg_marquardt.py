@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from quadrig.rig.adjustment.normal_equations import (
+    LENS,
     Layout,
     Linearised,
     Normal,
@@ -38,9 +39,8 @@ _FIRST_DAMPING = 1e-5
 class FreeParameters:
     """What may change, and what is known beforehand.
 
-    lens (C, 9) bool, pose (C,) bool, node (N,) bool. prior_mean, prior_information (C, 9): independent Gaussian
-    priors of the lens parameters, information in 1/sigma^2, zero for none. slack: the prior of each View's slack,
-    None where no View has any.
+    lens (C, 9) bool, pose (C,) bool, node (N,) bool. prior_mean (C, 9), prior_information (C, 9, 9): Gaussian priors
+    of the lenses. slack: the prior of each View's slack, None where no View has any.
     """
 
     lens: Mask
@@ -49,6 +49,11 @@ class FreeParameters:
     prior_mean: Floats
     prior_information: Floats
     slack: SlackPrior | None = None
+
+    @property
+    def information(self) -> Floats:
+        """(C, 9, 9): what the priors say of the parameters that are estimated, the others being what they are."""
+        return self.prior_information * (self.lens[:, :, None] & self.lens[:, None, :])
 
     @property
     def columns(self) -> Ints:
@@ -244,7 +249,8 @@ def view_steps(observations: Observations, state: State, steps: Floats, poses: F
 
 
 def _prior_cost(state: State, free: FreeParameters) -> float:
-    cost = float((free.prior_information * free.lens * (state.lens - free.prior_mean) ** 2).sum())
+    away = state.lens - free.prior_mean
+    cost = float((away[:, None] @ free.information @ away[..., None]).sum())
     if free.slack is not None and state.slack is not None:
         held = np.where(free.slack.loose[:, None], free.slack.information, 0.0)
         cost += float((held * state.slack**2).sum())
@@ -255,11 +261,11 @@ def _prior_cost(state: State, free: FreeParameters) -> float:
 
 def with_prior(normal: Normal, state: State, free: FreeParameters, columns: Ints) -> Normal:
     """The normal equations with the priors of the lens parameters added."""
-    information = (free.prior_information * free.lens)[:, columns]
+    information = free.information
+    pull = (information @ (free.prior_mean - state.lens)[..., None])[..., 0]
     cameras, gradient = normal.cameras.copy(), normal.camera_gradient.copy()
-    lens = np.arange(len(columns))
-    cameras[:, lens, lens] += information
-    gradient[:, lens] += information * (free.prior_mean - state.lens)[:, columns]
+    cameras[:, : len(columns), : len(columns)] += information[:, columns[:, None], columns]
+    gradient[:, : len(columns)] += pull[:, columns]
     if state.offsets is not None and state.motion is not None:
         cameras[:, -1, -1] += _CLOCK_INFORMATION
         gradient[:, -1] -= _CLOCK_INFORMATION * state.offsets
@@ -270,3 +276,13 @@ def undamped(adjustment: Adjustment, free: FreeParameters) -> Reduced:
     """The reduced system at the end of an adjustment, for covariances and tests."""
     unknowns = free.unknowns(adjustment.columns, adjustment.state)
     return eliminate(adjustment.normal, adjustment.layout, unknowns, free.node)
+
+
+def lens_covariances(adjustment: Adjustment, covariance: Floats) -> Floats:
+    """(C, 9, 9) of each camera's lens, from the covariance (C M, C M) of the reduced system."""
+    cameras, columns = len(adjustment.state.lens), adjustment.columns
+    blocks = covariance.reshape(cameras, len(covariance) // cameras, cameras, -1)
+    own = blocks[np.arange(cameras), :, np.arange(cameras), :]
+    result = np.zeros((cameras, LENS, LENS))
+    result[:, columns[:, None], columns] = own[:, : len(columns), : len(columns)]
+    return result

@@ -1,15 +1,17 @@
-"""What is taken for granted of a lens before its Views speak."""
+"""What is known of a lens before its Views speak, and what of that stays in doubt when they did."""
+
+from dataclasses import dataclass
 
 import numpy as np
 
 from quadrig.rig.problem.build import Problem
-from quadrig.single.arrays import Floats
-from quadrig.single.lens import LENS_PARAMETERS, image_middle
+from quadrig.rig.problem.camera_input import LensChoice
+from quadrig.single.arrays import Floats, Mask
+from quadrig.single.lens import LENS_PARAMETERS, LensModel
+from quadrig.single.lens_prior import LensClasses, lens_classes
 
 # Less than any detector's noise (px): keeps a View that its own few unknowns explain wholly from infinite weight.
 LEAST_NOISE = 0.02
-# Standard deviations of lens parameters before any data, for lenses people use: without data they stay neutral.
-PRIOR_SIGMA = {"k1": 0.3, "k2": 0.2, "p1": 0.003, "p2": 0.003, "k3": 0.2, "aspect": 0.005}
 # So many points, spread over a board, determine a pose and a lens well enough to start from: every point has its say
 # at the end.
 ENOUGH_POINTS = 16
@@ -17,17 +19,78 @@ ENOUGH_POINTS = 16
 # of the hundreds that are estimated.
 ROUGH = 10.0
 
+_FISHEYE_LENS = ("focal", "cx", "cy", "k1", "k2", "p1", "p2", "aspect")
+"""A fisheye's k3 and k4 stand in the places of p1 and p2."""
 
-def prior(problem: Problem, principal_sigma: float) -> tuple[Floats, Floats]:
-    """Prior mean and information (C, 9) of the lenses; principal_sigma as a share of the image's larger side."""
-    mean, information = np.zeros((len(problem.cameras), 9)), np.zeros((len(problem.cameras), 9))
-    mean[:, 8] = 1.0
-    for row, camera in enumerate(problem.cameras):
-        mean[row, 1:3] = image_middle(camera.width, camera.height)
-        information[row, 1:3] = 1 / (principal_sigma * max(camera.width, camera.height)) ** 2
-        if camera.intrinsics is not None:
-            mean[row] = camera.intrinsics.parameters
-    for column, name in enumerate(LENS_PARAMETERS):
-        if name in PRIOR_SIGMA:
-            information[:, column] = 1 / PRIOR_SIGMA[name] ** 2
-    return mean, information
+_ESTIMATED: dict[LensChoice, tuple[str, ...]] = {
+    "f": ("focal",),
+    "f k1": ("focal", "k1"),
+    "f k1 k2": ("focal", "k1", "k2"),
+    "f c k1 k2": ("focal", "cx", "cy", "k1", "k2"),
+    "full": LENS_PARAMETERS,
+    "fisheye": _FISHEYE_LENS,
+}
+
+
+@dataclass(frozen=True, eq=False)
+class LensPriors:
+    """Gaussian priors of the lenses of all cameras: mean (C, 9), information (C, 9, 9). kinds (C, 6): how likely each
+    of lens_prior.CLASS_NAMES is for each camera."""
+
+    mean: Floats
+    information: Floats
+    kinds: Floats
+
+
+def lens_models(problem: Problem) -> list[LensModel]:
+    """The model of every camera."""
+    return ["pinhole" if c.intrinsics is None else c.intrinsics.model for c in problem.cameras]
+
+
+def estimated_lenses(problem: Problem) -> Mask:
+    """Which parameters (C, 9) of the lenses are estimated: all that the model has, or those that were asked for."""
+    free = np.zeros((len(problem.cameras), len(LENS_PARAMETERS)), bool)
+    for row, (camera, model) in enumerate(zip(problem.cameras, lens_models(problem), strict=True)):
+        names = _ESTIMATED.get(camera.lens, LENS_PARAMETERS if model == "pinhole" else _FISHEYE_LENS)
+        if not camera.fixed:
+            free[row] = [name in names for name in LENS_PARAMETERS]
+    return free
+
+
+def first_priors(problem: Problem, focal: Floats) -> LensPriors:
+    """The priors before any data; focal (C,) px: about which they are linearised."""
+    classes = _classes(problem, focal)
+    return _priors(classes)
+
+
+def weighed_priors(problem: Problem, before: LensPriors, free: Mask, lens: Floats, covariance: Floats) -> LensPriors:
+    """The priors with the classes weighed by the data.
+
+    before: the priors of the fit that gave lens (C, 9) with covariance (C, 9, 9); free (C, 9): what it estimated.
+    """
+    scale = 1 / np.sqrt(np.diagonal(before.information, axis1=1, axis2=2))
+    square = scale[:, :, None] * scale[:, None, :]
+    both = free[:, :, None] & free[:, None, :]
+    held = np.where(both, before.information * square, 0.0)
+    # Of data and prior together, in units of the prior; what is not estimated says nothing.
+    own = np.linalg.inv(np.where(both, covariance / square, np.eye(len(LENS_PARAMETERS))))
+    values, axes = np.linalg.eigh(np.where(both, own, 0.0) - held)
+    data = (axes * np.maximum(values, 0.0)[:, None]) @ np.swapaxes(axes, 1, 2)
+    away = np.where(free, (lens - before.mean) / scale, 0.0)
+    # Data' pull is P^-1 x - Q m for the posterior (x, P) and the prior (m, Q): P^-1 (x - m) about m.
+    pull = (np.where(both, own, 0.0) @ away[..., None])[..., 0] + (data @ (before.mean / scale)[..., None])[..., 0]
+    classes = _classes(problem, lens[:, 0])
+    weight = classes.weigh(pull / scale, data / square)
+    return _priors(LensClasses(weight, classes.mean, classes.covariance, classes.kind, classes.offset, classes.unit))
+
+
+def _classes(problem: Problem, focal: Floats) -> LensClasses:
+    sizes = [(camera.width, camera.height) for camera in problem.cameras]
+    return lens_classes(sizes, focal, lens_models(problem), [camera.intrinsics for camera in problem.cameras])
+
+
+def _priors(classes: LensClasses) -> LensPriors:
+    mean, covariance = classes.moments()
+    scale = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
+    square = scale[:, :, None] * scale[:, None, :]
+    return LensPriors(mean, np.linalg.inv(covariance / square) / square, classes.kinds())

@@ -16,6 +16,7 @@ from quadrig.rig.result import CAMERA_PARAMETERS, Camera, PlacedRectangle, Rig, 
 from quadrig.rig.start.pose_graph import FirstRig
 from quadrig.single.arrays import Floats, Ints, Mask
 from quadrig.single.lens import LENS_PARAMETERS, Intrinsics, project
+from quadrig.single.lens_prior import CLASS_NAMES
 
 # Sigma of a focal, as a share of it, beyond which the Views do not determine it.
 _UNKNOWN_FOCAL = 0.2
@@ -35,11 +36,21 @@ def cameras_of(problem: Problem, joint: Joint) -> tuple[Camera, ...]:
                 _template(given).with_parameters(lens),
                 rig_from_camera[row],
                 free,
-                joint.choices.reasons[row],
+                _lens_reason(given, joint.priors.kinds[row]),
                 clock_offset=float(offsets[row]),
             )
         )
     return tuple(cameras)
+
+
+def _lens_reason(given: CameraInput, kinds: Floats) -> str:
+    """What was estimated of a lens, and which lenses it is like."""
+    if given.fixed:
+        return "given and kept fixed"
+    if given.lens != "auto":
+        return f"asked for: {given.lens}"
+    likely = int(np.argmax(kinds))
+    return f"all parameters estimated; like lenses that are {CLASS_NAMES[likely]} ({100 * kinds[likely]:.0f} %)"
 
 
 def _clock_offsets(joint: Joint) -> Floats:

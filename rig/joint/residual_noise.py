@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from quadrig.rig.adjustment.levenberg_marquardt import Adjustment, FreeParameters
+from quadrig.rig.adjustment.levenberg_marquardt import Adjustment, FreeParameters, lens_covariances
 from quadrig.rig.problem.observations import Observations
 from quadrig.single.arrays import Floats, Mask
 
@@ -22,10 +22,7 @@ def residual_sum(
     parameters that a prior holds count for less than one. covariance (C M, C M): of the cameras, for that noise."""
     chi_square = adjustment.linearised.cost * noise**2
     unknowns = 6.0 * int((shown_nodes(used) & free.node).sum()) + 6 * int(free.pose.sum())
-    cameras = len(adjustment.state.lens)
-    variance = np.diagonal(covariance).reshape(cameras, -1)[:, : len(adjustment.columns)]
-    held = (free.prior_information * free.lens)[:, adjustment.columns] * variance
-    unknowns += float(free.lens.sum() - held.sum())
+    unknowns += float(free.lens.sum() - (free.information * lens_covariances(adjustment, covariance)).sum())
     if adjustment.eliminated is not None and free.slack is not None:
         loose = free.slack.loose
         held = free.slack.information[loose] * np.einsum("vii->vi", adjustment.eliminated.inverse)[loose]

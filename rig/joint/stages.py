@@ -1,16 +1,29 @@
-"""From a first rig to the best one: robust fit, outliers out, lenses chosen, least squares to the end."""
+"""From a first rig to the best one: robust fit, outliers out, least squares to the end, lenses weighed by class."""
 
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from quadrig.rig.adjustment.levenberg_marquardt import Adjustment, FreeParameters, adjust, undamped, with_noise
+from quadrig.rig.adjustment.levenberg_marquardt import (
+    Adjustment,
+    FreeParameters,
+    adjust,
+    lens_covariances,
+    undamped,
+    with_noise,
+)
 from quadrig.rig.adjustment.normal_equations import Layout, State, layout, residual_squares
 from quadrig.rig.adjustment.outliers import Inliers, noise_of, robust_noise
-from quadrig.rig.adjustment.priors import ENOUGH_POINTS, LEAST_NOISE, ROUGH, prior
+from quadrig.rig.adjustment.priors import (
+    ENOUGH_POINTS,
+    LEAST_NOISE,
+    ROUGH,
+    LensPriors,
+    estimated_lenses,
+    first_priors,
+    weighed_priors,
+)
 from quadrig.rig.adjustment.schur import Reduced, reduced_inverse
-from quadrig.rig.joint.lens_choice import LensChoices, choose_lenses, starting_lenses
-from quadrig.rig.joint.principal_point import PRINCIPAL_SIGMA
 from quadrig.rig.joint.residual_noise import residual_sum, shown_nodes
 from quadrig.rig.joint.time_errors import (
     fit_time_errors,
@@ -30,6 +43,8 @@ from quadrig.single.arrays import Floats, Mask
 _SAME_NOISE = 0.3
 # A minimum that is not reached in so many steps is a valley that the Views leave open; its sigmas say so.
 _MOST_STEPS = 25
+# Probabilities of classes of lenses that change by less than this change no sigma by a tenth.
+_SAME_CLASSES = 0.1
 # Rounds of rejecting and taking back corners: the second rarely changes anything.
 _ROUNDS = 3
 
@@ -65,7 +80,7 @@ class Joint:
     noise: float
     covariance: Floats
     reduced: Reduced
-    choices: LensChoices
+    priors: LensPriors
     costs: tuple[float, ...]
     predicted: State
 
@@ -92,15 +107,19 @@ def solve_jointly(
     """Adjust everything at once. The cameras that are standing (C,) bool keep their poses, and so does fixed_node:
     one of them at least holds the rig frame. offsets (C,) s: of the clocks, where they are known to differ."""
     observations = problem.observations(first.reading)
-    free = _free_parameters(problem, observations, alone, standing, fixed_node)
+    priors = first_priors(problem, alone.lens[:, 0])
+    free = _free_parameters(problem, observations, priors, standing, fixed_node)
     state = State(alone.lens, first.camera_from_rig, first.rig_from_node, offsets=offsets)
     robust = _robust_stage(problem, observations, state, alone, first, free)
     contradicted = _contradicted(problem, observations, robust.inliers)
     if contradicted:
         return contradicted
-    choices, state, free = _lens_stage(problem, observations, alone, robust)
-    fit = replace(robust, free=free)
-    return _least_squares_stage(problem, observations, state, fit, choices)
+    used = observations.with_weights(robust.inliers.weights)
+    found = adjust(
+        used, robust.adjustment.state, robust.free, robust.noise, most_steps=0, tables=robust.adjustment.layout
+    )
+    priors, free = _weighed(problem, priors, robust.free, found)
+    return _least_squares_stage(problem, observations, replace(robust, free=free), priors)
 
 
 def _robust_stage(
@@ -148,33 +167,31 @@ def _robust(
     return found, seen
 
 
-def _lens_stage(
-    problem: Problem, observations: Observations, alone: FirstCameras, fit: _Fit
-) -> tuple[LensChoices, State, FreeParameters]:
-    """The lens of every camera: what is free of it from here on, and the state that this leads to."""
-    used = observations.with_weights(fit.inliers.weights)
-    choices = choose_lenses(problem, used, fit.adjustment.state, fit.free, fit.noise, fit.adjustment.layout)
-    # A lens that is kept keeps all its numbers.
-    estimated = np.array([[not camera.fixed] for camera in problem.cameras])
-    lens = np.where(choices.free | ~estimated, choices.state.lens, fit.free.prior_mean)
-    information = _priors(problem, alone, choices.principal_sigma)[1]
-    free = replace(fit.free, lens=choices.free, prior_information=information)
-    return choices, replace(choices.state, lens=lens), free
+def _weighed(
+    problem: Problem, priors: LensPriors, free: FreeParameters, found: Adjustment, covariance: Floats | None = None
+) -> tuple[LensPriors, FreeParameters]:
+    """The priors of the lenses after a fit with them, the classes weighed by what the Views say."""
+    covariance = reduced_inverse(undamped(found, free)) if covariance is None else covariance
+    own = lens_covariances(found, covariance)
+    priors = weighed_priors(problem, priors, free.lens, found.state.lens, own)
+    return priors, replace(free, prior_mean=priors.mean, prior_information=priors.information)
 
 
 def _least_squares_stage(
-    problem: Problem, observations: Observations, state: State, fit: _Fit, choices: LensChoices
+    problem: Problem, observations: Observations, fit: _Fit, priors: LensPriors
 ) -> Joint | Contradicted:
-    """Least squares until the inliers stay the same, and the covariance."""
+    """Least squares until the inliers and the weights of the classes of lenses stay the same, and the covariance."""
     free, inliers, noise, costs = fit.free, fit.inliers, fit.noise, fit.adjustment.costs
-    used, found, before = observations.with_weights(inliers.weights), fit.adjustment, noise
+    state, used, before = fit.adjustment.state, observations.with_weights(inliers.weights), noise
     for _ in range(_ROUNDS):
-        found = adjust(used, state, free, noise, most_steps=_MOST_STEPS, tables=found.layout)
+        found = adjust(used, state, free, noise, most_steps=_MOST_STEPS, tables=fit.adjustment.layout)
         state, costs, before = found.state, costs + found.costs, noise
         covariance = reduced_inverse(undamped(found, free))
         noise = noise_of(*residual_sum(found, used, free, noise, covariance))
         again = inliers_of(observations, found.linearised.squares, state, free, noise)
-        if again.same_points(inliers):
+        kinds = priors.kinds
+        priors, free = _weighed(problem, priors, free, found, covariance)
+        if again.same_points(inliers) and np.abs(priors.kinds - kinds).max() < _SAME_CLASSES:
             break
         inliers, used = again, observations.with_weights(again.weights)
         contradicted = _contradicted(problem, observations, inliers)
@@ -185,11 +202,11 @@ def _least_squares_stage(
     covariance = reduced_inverse(reduced)
     noise = noise_of(*residual_sum(adjustment, used, free, noise, covariance))
     predicted = without_slack(used, adjustment.state, free, noise)
-    return Joint(adjustment, used, free, inliers, noise, covariance, reduced, choices, costs, predicted)
+    return Joint(adjustment, used, free, inliers, noise, covariance, reduced, priors, costs, predicted)
 
 
 def _at_noise(used: Observations, found: Adjustment, free: FreeParameters, before: float, after: float) -> Adjustment:
-    """The minimum for another noise: the same, but for what priors and slack hold."""
+    """The minimum for another noise and the priors of `free`: the same, but for what priors and slack hold."""
     if found.state.slack is not None:
         return adjust(used, found.state, free, after, tables=found.layout, most_steps=10)
     return with_noise(found, used, free, before, after)
@@ -204,18 +221,10 @@ def _contradicted(problem: Problem, observations: Observations, inliers: Inliers
     return Contradicted(tuple(problem.cameras[i].name for i in loose)) if loose else None
 
 
-def _priors(problem: Problem, alone: FirstCameras, principal_sigma: float) -> tuple[Floats, Floats]:
-    """Prior mean and information (C, 9); a focal is known to its own size, which counts where no View shows more."""
-    mean, information = prior(problem, principal_sigma)
-    mean[:, 0], information[:, 0] = alone.lens[:, 0], 1 / alone.lens[:, 0] ** 2
-    return mean, information
-
-
 def _free_parameters(
-    problem: Problem, observations: Observations, alone: FirstCameras, standing: Mask, fixed_node: int | None
+    problem: Problem, observations: Observations, priors: LensPriors, standing: Mask, fixed_node: int | None
 ) -> FreeParameters:
-    mean, information = _priors(problem, alone, PRINCIPAL_SIGMA)
     node = np.ones(observations.nodes, bool)
     if fixed_node is not None:
         node[fixed_node] = False
-    return FreeParameters(starting_lenses(problem), ~standing, node, mean, information)
+    return FreeParameters(estimated_lenses(problem), ~standing, node, priors.mean, priors.information)

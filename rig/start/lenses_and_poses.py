@@ -4,14 +4,22 @@ This is where a rig starts: closed form for each View, the Views of a camera joi
 every reading of a View kept as candidates until other cameras decide.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from quadrig.rig.adjustment.levenberg_marquardt import FreeParameters, adjust
-from quadrig.rig.adjustment.normal_equations import State, linearise
+from quadrig.rig.adjustment.levenberg_marquardt import (
+    Adjustment,
+    FreeParameters,
+    adjust,
+    lens_covariances,
+    undamped,
+    with_prior,
+)
+from quadrig.rig.adjustment.normal_equations import State, linearise, normal_equations
 from quadrig.rig.adjustment.outliers import USUAL_NOISE, robust_noise
-from quadrig.rig.adjustment.priors import ENOUGH_POINTS, LEAST_NOISE, ROUGH, prior
+from quadrig.rig.adjustment.priors import ENOUGH_POINTS, LEAST_NOISE, ROUGH, estimated_lenses, first_priors
+from quadrig.rig.adjustment.schur import reduced_inverse
 from quadrig.rig.problem.build import Problem
 from quadrig.rig.problem.observations import Observations, pack
 from quadrig.single.arrays import Floats, Ints, Mask
@@ -43,8 +51,8 @@ _LEAST_INFORMATION = 1e-9
 class Candidates:
     """What each View says by itself: one row for each reading and twin.
 
-    view, reading (K,): whose they are. camera_from_node: a batch (K,). covariance (K, 6, 6) of its step.
-    cost (K,): chi-square above the View's likeliest candidate.
+    view, reading (K,): whose they are. camera_from_node: a batch (K,). covariance (K, 6, 6) of its step,
+    with the doubt of its camera's lens. cost (K,): chi-square above the View's likeliest candidate.
     """
 
     view: Ints
@@ -161,37 +169,49 @@ def _both_poses(observations: Observations, lens: Floats) -> tuple[Pose, Floats]
 @dataclass(frozen=True, eq=False)
 class _Alone:
     """Each camera by itself: lenses (C, 9), noise (px), and of every View its pose, a batch (V,), the pose's
-    covariance (V, 6, 6) for its lens, and chi-square (V,)."""
+    covariance (V, 6, 6) for its lens, chi-square (V,), and what the doubt of its lens adds (V, 6, 6)."""
 
     lens: Floats
     noise: float
     camera_from_rect: Pose
     covariance: Floats
     cost: Floats
+    lens_doubt: Floats
 
 
 def _refine(problem: Problem, observations: Observations, lens: Floats, poses: Pose, errors: Floats) -> _Alone:
-    """Joint fit of each camera's focal and first distortion over its Views, poses following."""
+    """Joint fit of each camera's lens over its Views, poses following."""
     cameras = len(problem.cameras)
-    open_lens = np.array([not c.fixed for c in problem.cameras])
-    lens_free = np.zeros((cameras, 9), bool)
-    lens_free[:, 0] = lens_free[:, 3] = open_lens
-    mean, information = prior(problem, 0.02)
-    information[:, 0] = 1 / lens[:, 0] ** 2
-    mean[:, 0] = lens[:, 0]
-    still, every = np.zeros(cameras, bool), np.ones(observations.nodes, bool)
-    free = FreeParameters(lens_free, still, every, mean, information)
+    priors, still, every = (
+        first_priors(problem, lens[:, 0]),
+        np.zeros(cameras, bool),
+        np.ones(observations.nodes, bool),
+    )
+    free = FreeParameters(estimated_lenses(problem), still, every, priors.mean, priors.information)
     lengths = (lens[observations.camera, 0] * errors)[np.isfinite(errors)]
     # A mean squared length is twice the variance of a coordinate.
     noise = max(float(np.median(lengths)) / np.sqrt(2), LEAST_NOISE) if len(lengths) else USUAL_NOISE
     state = _by_themselves(lens, poses)
     found = adjust(observations, state, free, noise, robust=True, most_steps=_MONO_STEPS, tolerance=ROUGH)
-    unknowns = 6 * float(problem.shares.sum()) + float(lens_free.sum())
+    unknowns = 6 * float(problem.shares.sum()) + float(free.lens.sum())
     seen = max(robust_noise(observations, found.linearised.squares, unknowns), LEAST_NOISE)
+    gram = found.linearised.gram * (noise / seen) ** 2
     lens_size = len(found.columns)
-    gram = found.linearised.gram[:, lens_size : lens_size + 6, lens_size : lens_size + 6] * (noise / seen) ** 2
-    covariance, cost = _own_doubt(gram, _chi_squares(observations, found.linearised.squares, seen))
-    return _Alone(found.state.lens, seen, found.state.rig_from_rect, covariance, cost)
+    pose = slice(lens_size, lens_size + 6)
+    covariance, cost = _own_doubt(gram[:, pose, pose], _chi_squares(observations, found.linearised.squares, seen))
+    by_lens = covariance @ gram[:, pose, :lens_size]
+    own = _lens_covariances(observations, found, free, gram)[observations.camera]
+    lens_doubt = by_lens @ own @ np.swapaxes(by_lens, -1, -2)
+    return _Alone(found.state.lens, seen, found.state.rig_from_rect, covariance, cost, lens_doubt)
+
+
+def _lens_covariances(observations: Observations, found: Adjustment, free: FreeParameters, gram: Floats) -> Floats:
+    """(C, K, K) of the lens columns, the cameras each by itself."""
+    normal = normal_equations(observations, found.layout, found.state, gram)
+    weighed = replace(found, normal=with_prior(normal, found.state, free, found.columns))
+    reduced = undamped(weighed, free)
+    covariance = lens_covariances(found, reduced_inverse(reduced))
+    return covariance[:, found.columns[:, None], found.columns]
 
 
 def _by_themselves(lens: Floats, poses: Pose) -> State:
@@ -251,7 +271,7 @@ def _candidates(
             np.concatenate([p[2].rotation for p in parts])[order],
             np.concatenate([p[2].translation for p in parts])[order],
         ),
-        np.concatenate([p[3] for p in parts])[order],
+        (np.concatenate([p[3] for p in parts]) + alone.lens_doubt[view])[order],
         (every_cost - least[view])[order],
     )
 

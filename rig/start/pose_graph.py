@@ -16,10 +16,6 @@ from quadrig.single.arrays import Floats, Ints, Mask
 from quadrig.single.pose import Pose
 from quadrig.single.rotation import nearest_rotation
 
-# What a first lens leaves wrong in a pose, beside its noise: radians, and a share of the distance. Lenses are good
-# to about this much after the cameras were calibrated each by itself.
-_LENS_ANGLE = 0.01
-_LENS_SHARE = 0.01
 # Candidates further apart than this many of their common sigmas do not support one another.
 _AGREES = 4.0
 # Shared rectangle poses that vote for two cameras: the most certain ones. More would not change who wins.
@@ -52,12 +48,9 @@ def first_rig(problem: Problem, candidates: Candidates, reference: int) -> First
 
 
 def _sigmas(candidates: Candidates) -> tuple[Floats, Floats]:
-    """Sigma of rotation (rad) and of translation (m) of each candidate, with what the lens leaves wrong."""
+    """Sigma of rotation (rad) and of translation (m) of each candidate."""
     variance = np.einsum("kii->ki", candidates.covariance)
-    distance = np.linalg.norm(candidates.camera_from_node.translation, axis=-1)
-    rotation = np.sqrt(variance[:, :3].sum(axis=1) + _LENS_ANGLE**2)
-    translation = np.sqrt(variance[:, 3:].sum(axis=1) + (_LENS_SHARE * distance) ** 2)
-    return rotation, translation
+    return np.sqrt(variance[:, :3].sum(axis=1)), np.sqrt(variance[:, 3:].sum(axis=1))
 
 
 def relative_poses(problem: Problem, candidates: Candidates) -> list[RelativePose]:
