@@ -125,7 +125,7 @@ def main() -> None:
         shares = [_share(found[name]) for name in ("focal", "pose", "point")]
         every = np.array([q for name in ("focal", "pose", "point") for q in found[name]])
         far = f"{int((every > _FIVE_SIGMAS).sum())} of {len(every)}"
-        table.add_row(world, *shares, f"{np.median(found['accuracy']):.2f}", far, str(failed[world]))
+        table.add_row(world, *shares, f"{np.nanmedian(found['accuracy']):.2f}", far, str(failed[world]))
     console = Console(width=120)
     console.print(table)
     aims = "aims: 92 to 98 %, accuracy 0.7 to 1.4, at most 3 of 1000 beyond 5 sigmas"

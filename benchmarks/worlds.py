@@ -1,9 +1,9 @@
 """Five worlds that real rigs come from, simulated: lenses as people have them, sheets as printers make them.
 
 rich: a board waved through 20 to 40 framesets, a few tags. few Views: cameras that look inward or outward, two to
-five tags each, one frameset. one sheet: one moving sheet or board, two to seven framesets. clicked: rectangles of a court,
-corners pointed at by hand, the noise given. imperfect: rich, with a bent board, a print that is too long in one
-direction and too large, frames out of step and a rolling shutter.
+five tags each, one frameset. one sheet: one moving sheet or board, two to seven framesets. clicked: rectangles of a
+court, corners pointed at by hand, the noise given. imperfect: rich, with a bent board, a print that is too long in
+one direction and too large, frames out of step and a rolling shutter.
 """
 
 import csv

@@ -18,7 +18,7 @@ from typing import Literal
 import numpy as np
 
 from quadrig.rig.adjustment.levenberg_marquardt import adjust, undamped
-from quadrig.rig.adjustment.outliers import USUAL_WEIGHT, noise_of
+from quadrig.rig.adjustment.outliers import EXPECTED_WEIGHT, noise_of
 from quadrig.rig.adjustment.schur import dense_matrix
 from quadrig.rig.adjustment.twist_jacobians import step_by_camera_twist
 from quadrig.rig.joint.cross_validation import cross_validate
@@ -208,7 +208,7 @@ def _new_information(rig: Rig, problem: Problem, joint: Joint) -> tuple[Floats, 
     # What is known of the noise beforehand is what these cameras had when they were calibrated.
     usual = rig.noise if np.isfinite(rig.noise) else joint.noise
     # What the new recording's own parts disagree on is no motion either.
-    noise = noise_of(chi_square, freedom, usual) * np.sqrt(cross_validate(problem, joint).widening)
+    noise = noise_of(chi_square, freedom, usual) * np.sqrt(cross_validate(problem, joint).widening.mean())
     found = adjust(joint.observations, joint.adjustment.state, opened, noise, most_steps=0)
     reduced = undamped(found, opened)
     matrix, unknown = dense_matrix(reduced), reduced.free.ravel()
@@ -216,7 +216,7 @@ def _new_information(rig: Rig, problem: Problem, joint: Joint) -> tuple[Floats, 
     gradient = np.where(unknown, reduced.gradient.ravel(), 0.0)
     size = len(found.columns) + 6
     is_clock = np.tile(np.arange(reduced.free.shape[1]) >= size, len(free))
-    return (*_without(matrix, gradient, is_clock), found.columns, max(freedom, 0.0) + USUAL_WEIGHT)
+    return (*_without(matrix, gradient, is_clock), found.columns, max(freedom, 0.0) + EXPECTED_WEIGHT)
 
 
 def _without(matrix: Floats, gradient: Floats, nuisance: Mask) -> tuple[Floats, Floats]:

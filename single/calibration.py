@@ -198,7 +198,7 @@ def _alone(view: View, given: _Given, points: Floats, focal: float | None) -> So
         view.pixels,
         given.centre,
         focal=focal,
-        sigma=view.sigma,
+        sigma=view.expected_sigma,
         principal_point_sigma=given.centre_sigma,
     )
 
@@ -247,7 +247,7 @@ def _fitted(
     if given.distortion_sigma > 0:
         prior["k1"] = given.distortion_sigma
     points, pixels = [view.points for view in views], [view.pixels for view in views]
-    sigma = [view.sigma for view in views]
+    sigma = [view.expected_sigma for view in views]
 
     def fit(intrinsics: Intrinsics, at: Pose, coefficients: Sequence[str], excess: float = 1.0) -> LensFit:
         names = dict.fromkeys([*free, *prior, *coefficients])
@@ -277,7 +277,7 @@ def _fitted(
 def _calibration(
     views: Sequence[View], readings: tuple[int, ...], given: _Given, fit: LensFit, excess: float
 ) -> Calibration:
-    noise = excess * float(np.sqrt(np.mean([view.sigma**2 for view in views])))
+    noise = excess * float(np.sqrt(np.mean([view.expected_sigma**2 for view in views])))
     relative = float(np.sqrt(fit.lens_covariance[0, 0])) / fit.intrinsics.focal
     knowable = given.focal is not None or NORMAL_95 * relative < 1
     twins = _twins(views[0], fit, noise) if len(views) == 1 else None

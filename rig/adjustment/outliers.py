@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from quadrig.rig.problem.build import USUAL_NOISE
 from quadrig.rig.problem.observations import Observations
 from quadrig.single.arrays import Floats, Mask
 
@@ -12,10 +13,9 @@ from quadrig.single.arrays import Floats, Mask
 _FAR = 25.0
 # A View of which this share of the corners is off is wrong as a whole (its id, its order, its instant).
 _WHOLE_VIEW = 0.5
-# Corner noise that a detector is known for, px.
-USUAL_NOISE = 0.3
-USUAL_WEIGHT = 4.0
-"""Weight of what is known of the noise beforehand, in degrees of freedom: it matters where the data has few."""
+EXPECTED_WEIGHT = 6.0
+"""Weight of the noise that is expected, in degrees of freedom: it matters where the data has few. A detector's claim,
+or a person's, is good to a factor of one and a half or so."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,12 +51,12 @@ def find_outliers(observations: Observations, squares: tuple[Floats, ...], noise
     return Inliers(tuple(weights), rejected)
 
 
-def noise_of(chi_square: float, freedom: float, usual: float = USUAL_NOISE) -> float:
+def noise_of(chi_square: float, freedom: float, expected: float) -> float:
     """Sigma (px) of a coordinate, from a sum of weighted squares (px^2) of so many degrees of freedom.
 
-    usual: px, what it was expected to be; counts as USUAL_WEIGHT degrees of freedom."""
-    total = chi_square + USUAL_WEIGHT * usual**2
-    return float(np.sqrt(total / (max(freedom, 0.0) + USUAL_WEIGHT)))
+    expected: px, what it was expected to be; counts as EXPECTED_WEIGHT degrees of freedom."""
+    total = chi_square + EXPECTED_WEIGHT * expected**2
+    return float(np.sqrt(total / (max(freedom, 0.0) + EXPECTED_WEIGHT)))
 
 
 def robust_noise(observations: Observations, squares: tuple[Floats, ...], unknowns: float = 0.0) -> float:

@@ -22,6 +22,8 @@ _LITTLE_COVER = 0.4
 _GRID = 4
 # So many groups of rejected Views are named.
 _NAMED = 3
+# Fifths of a recording that disagree by this much more than noise explains, in variance, are worth a word.
+_DISAGREES = 1.5
 
 
 def weaknesses(rig: Rig) -> tuple[str, ...]:
@@ -34,7 +36,7 @@ def weaknesses(rig: Rig) -> tuple[str, ...]:
             f"framesets held out of the fit miss by {rig.held_out_rms:.2f} px against {rig.rms:.2f} px of the fit: "
             "show more rectangles, in more places"
         )
-    if rig.dispersion > 1:
+    if rig.dispersion > _DISAGREES:
         sentences.append(
             f"fifths of the recording disagree {np.sqrt(rig.dispersion):.1f} times as much as noise explains, and "
             "all sigmas are widened by that: look for clocks out of step, a bent board, a lens that moved"

@@ -6,6 +6,7 @@ import numpy as np
 
 from quadrig.rig.adjustment.normal_equations import LENS, residual_squares
 from quadrig.rig.adjustment.twist_jacobians import step_by_camera_twist, step_by_left_twist
+from quadrig.rig.doubt.student import student_widening
 from quadrig.rig.doubt.weaknesses import weaknesses
 from quadrig.rig.doubt.working_accuracy import covered_points, working_accuracy
 from quadrig.rig.joint.cross_validation import cross_validate
@@ -236,9 +237,11 @@ def assemble_rig(
     """The Rig of a joint adjustment, cameras in the given order of names. covariance: as Rig.covariance has it."""
     fit, without = squares_of(problem, joint), cross_validate(problem, joint)
     held_out = _predicted(without.squares, fit)
-    covariance = covariance * without.widening
+    widening = without.widening * student_widening(joint.freedom)
+    each = np.repeat(np.sqrt(widening), CAMERA_PARAMETERS)
+    covariance = covariance * np.outer(each, each)
     cameras = with_figures(cameras_of(problem, joint), fit, held_out, covariance)
-    rectangles = rectangles_of(problem, joint, without.widening)
+    rectangles = rectangles_of(problem, joint, float(widening.mean()))
     accuracy = working_accuracy(cameras, covariance, covered_points(rectangles))
     rows = [index for name in order for index, camera in enumerate(cameras) if camera.name == name]
     rig = Rig(
@@ -253,7 +256,7 @@ def assemble_rig(
         accuracy,
         missing,
         costs=joint.costs,
-        dispersion=without.widening,
+        dispersion=float(without.widening.mean()),
     )
     return replace(rig, weak=weaknesses(rig))
 

@@ -21,24 +21,24 @@ from quadrig.single.arrays import Floats, Ints, Mask
 
 # Five folds leave four fifths to fit: near enough to the whole that the figure speaks of the rig that is delivered.
 _FOLDS = 5
-# Of how many sigmas a dispersion is that chance does not bring about (none in 90 simulated rigs).
-_SURE = 3.0
+# What noise alone explains has the weight of so many numbers, in the figure of all cameras and in each camera's own:
+# folds of a recording are few, and what they disagree on shows in some ten of a camera's numbers.
+_TRUSTED = 20.0
 
 
 @dataclass(frozen=True, eq=False)
 class CrossValidation:
     """squares (V,): sum of squared residuals (px^2) of each View, as predicted without it; nan where that cannot be
-    said. dispersion: the variance between the folds' cameras as a multiple of what noise explains, 1 on average where
-    nothing else is at work, and its sigma then; 1 where there is one fold alone."""
+    said. dispersion (C,): the variance between the folds of each camera's numbers as a multiple of what noise
+    explains, 1 on average where nothing else is at work; drawn towards that of all cameras, and that towards 1."""
 
     squares: Floats
-    dispersion: float = 1.0
-    dispersion_sigma: float = 0.0
+    dispersion: Floats
 
     @property
-    def widening(self) -> float:
-        """What covariances are to be multiplied by: the dispersion where noise cannot explain it, else 1."""
-        return self.dispersion if self.dispersion > 1 + _SURE * self.dispersion_sigma else 1.0
+    def widening(self) -> Floats:
+        """What the variances of each camera (C,) are multiplied by; folds that agree by chance make none surer."""
+        return np.maximum(self.dispersion, 1.0)
 
 
 def cross_validate(problem: Problem, joint: Joint) -> CrossValidation:
@@ -46,7 +46,7 @@ def cross_validate(problem: Problem, joint: Joint) -> CrossValidation:
     fold = _folds(problem)[joint.observations.node]
     count = int(fold.max(initial=-1)) + 1
     if count < 2:
-        return CrossValidation(np.full(len(fold), np.nan))
+        return CrossValidation(np.full(len(fold), np.nan), np.ones(joint.observations.cameras))
     adjustment, free_nodes = joint.adjustment, joint.free.node
     # A copy of every camera for each fold: then each copy's sums are those of its fold alone, all in one pass.
     copies = _copied(joint.observations, fold, count)
@@ -69,7 +69,7 @@ def cross_validate(problem: Problem, joint: Joint) -> CrossValidation:
     residual = np.concatenate([step, -np.ones((len(step), 1))], axis=1)[:, None]
     squares = (residual @ gram @ np.swapaxes(residual, -1, -2))[:, 0, 0]
     squares = squares * (joint.noise * problem.sigmas) ** 2 / problem.shares
-    return CrossValidation(squares, *_dispersion(joint, own, count))
+    return CrossValidation(squares, _dispersion(joint, own, count))
 
 
 def _folds(problem: Problem) -> Ints:
@@ -127,21 +127,35 @@ def _steps_without(joint: Joint, own: Reduced, number: int, out: Mask) -> Floats
         return np.full_like(gradient, np.nan)
 
 
-def _dispersion(joint: Joint, own: Reduced, count: int) -> tuple[float, float]:
-    """Variance between the folds' pulls on the cameras, as a multiple of what noise alone gives them, and its sigma.
+def _dispersion(joint: Joint, own: Reduced, count: int) -> Floats:
+    """Variance (C,) between the folds of each camera's numbers, as a multiple of what noise alone makes it.
 
-    With C the covariance, and D and g a fold's information and gradient at the optimum: g has the covariance
-    D - D C D, hence g' C g the expectation tr(C D) - tr(C D C D) (the infinitesimal jackknife; Jaeckel 1972). It is a
-    sum of squares of weight at most a quarter, which bounds its variance by half its expectation; folds are not
-    independent, and simulated rigs show up to twice that.
+    With C the covariance, and D and g a fold's information and gradient at the optimum: the fold moves the cameras by
+    C g, of which the covariance is C (D - D C D) C (the infinitesimal jackknife; Jaeckel 1972). Each is measured in
+    units of the camera's own covariance. A camera's ratio counts for as many numbers as it has, times the folds.
     """
     cameras = joint.observations.cameras
-    gradient = np.where(own.free, own.gradient, 0.0).reshape(count, -1)
-    seen = (gradient @ joint.covariance * gradient).sum()
-    expected = 0.0
+    size = len(joint.covariance) // cameras
+    free = joint.reduced.free
+    seen, expected = np.zeros(cameras), np.zeros(cameras)
+    blocks = joint.covariance.reshape(cameras, size, cameras, size)[np.arange(cameras), :, np.arange(cameras)]
+    both = free[:, :, None] & free[:, None, :]
+    inverse = np.where(both, np.linalg.inv(np.where(both, blocks, np.eye(size))), 0.0)
     for number in range(count):
         chosen = own.left // cameras == number
         left, right = own.left[chosen] % cameras, own.right[chosen] % cameras
+        rows = slice(number * cameras, (number + 1) * cameras)
+        gradient = np.where(own.free[rows], own.gradient[rows], 0.0).ravel()
+        moved = (joint.covariance @ gradient).reshape(cameras, 1, size)
+        seen += (moved @ inverse @ np.swapaxes(moved, 1, 2))[:, 0, 0]
         pulled = block_matrix(own.blocks[chosen], left, right, cameras) @ joint.covariance
-        expected += np.trace(pulled) - (pulled * pulled.T).sum()
-    return (float(seen / expected), float(expected**-0.5)) if expected > 0 else (1.0, 0.0)
+        spread = joint.covariance @ (pulled - pulled @ pulled)
+        spread = spread.reshape(cameras, size, cameras, size)[np.arange(cameras), :, np.arange(cameras)]
+        expected += (spread * inverse).sum(axis=(1, 2))
+    weight = np.maximum(expected, 0.0)
+    if not (weight > 0).any():
+        return np.ones(cameras)
+    # Cameras of one rig are not independent: together they count for as much as one of them.
+    pooled = (_TRUSTED + count * weight.mean() * seen.sum() / weight.sum()) / (_TRUSTED + count * weight.mean())
+    own_ratio = seen / np.where(weight > 0, weight, 1.0)
+    return (_TRUSTED * pooled + count * weight * own_ratio) / (_TRUSTED + count * weight)

@@ -13,7 +13,7 @@ from quadrig.rig.adjustment.levenberg_marquardt import (
     with_noise,
 )
 from quadrig.rig.adjustment.normal_equations import Layout, State, layout, residual_squares
-from quadrig.rig.adjustment.outliers import Inliers, noise_of, robust_noise
+from quadrig.rig.adjustment.outliers import EXPECTED_WEIGHT, Inliers, noise_of, robust_noise
 from quadrig.rig.adjustment.priors import (
     ENOUGH_POINTS,
     LEAST_NOISE,
@@ -70,9 +70,10 @@ class Contradicted:
 class Joint:
     """The end of the joint adjustment.
 
-    observations carry the final weights; inliers says what was rejected. covariance (C M, C M) over the columns of
-    the adjustment and the twists of camera_from_rig. predicted: the state whose rectangle poses fit the pictures best
-    with no View straying: what the rig says of them, and what residuals are measured from.
+    observations carry the final weights; inliers says what was rejected. freedom: the degrees of freedom that noise
+    (px) rests on. covariance (C M, C M) over the columns of the adjustment and the twists of camera_from_rig.
+    predicted: the state whose rectangle poses fit the pictures best with no View straying: what the rig says of them,
+    and what residuals are measured from.
     """
 
     adjustment: Adjustment
@@ -80,6 +81,7 @@ class Joint:
     free: FreeParameters
     inliers: Inliers
     noise: float
+    freedom: float
     covariance: Floats
     reduced: Reduced
     priors: LensPriors
@@ -189,7 +191,7 @@ def _least_squares_stage(
         found = adjust(used, state, free, noise, most_steps=_MOST_STEPS, tables=fit.adjustment.layout)
         state, costs, before = found.state, costs + found.costs, noise
         covariance = reduced_inverse(undamped(found, free))
-        noise = noise_of(*residual_sum(found, used, free, noise, covariance))
+        noise = noise_of(*residual_sum(found, used, free, noise, covariance), problem.expected_noise)
         again = inliers_of(observations, found.linearised.squares, state, free, noise)
         kinds = priors.kinds
         priors, free = _weighed(problem, priors, free, found, covariance)
@@ -201,16 +203,18 @@ def _least_squares_stage(
             return contradicted
     adjustment, covariance = found, covariance
     for _ in range(_SETTLING):
-        # Neither noise nor classes hang on the step that led here: what they say of one another is what is solved for.
+        # Noise and classes of lenses depend on one another, not on the steps that led here.
         adjustment = _at_noise(used, adjustment, free, before, noise)
         reduced, before = undamped(adjustment, free), noise
         covariance = reduced_inverse(reduced)
-        noise = noise_of(*residual_sum(adjustment, used, free, noise, covariance))
+        chi_square, freedom = residual_sum(adjustment, used, free, noise, covariance)
+        noise = noise_of(chi_square, freedom, problem.expected_noise)
         settled = priors, free
         priors, free = _weighed(problem, priors, free, adjustment, covariance)
     priors, free = settled
     predicted = without_slack(used, adjustment.state, free, noise)
-    return Joint(adjustment, used, free, inliers, noise, covariance, reduced, priors, costs, predicted)
+    freedom = max(freedom, 0.0) + EXPECTED_WEIGHT
+    return Joint(adjustment, used, free, inliers, noise, freedom, covariance, reduced, priors, costs, predicted)
 
 
 def _at_noise(used: Observations, found: Adjustment, free: FreeParameters, before: float, after: float) -> Adjustment:

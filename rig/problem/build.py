@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from math import isfinite
+from math import isinf
 
 import numpy as np
 
@@ -15,6 +15,8 @@ from quadrig.single.lens import LensModel
 from quadrig.single.rectangle import Rectangle
 from quadrig.single.view import View
 
+# Corner noise that a detector is known for, px.
+USUAL_NOISE = 0.3
 # The random part of a corner's error is about as large as the systematic one: more repeats than this win nothing.
 _MOST_REPEATS = 2
 # Four points carry a homography; fewer determine no pose of a plane.
@@ -53,7 +55,14 @@ class Problem:
     def sigmas(self) -> Floats:
         """Sigma (V,) of each View as a multiple of the median one: how sure corners are is learned from the data."""
         given = np.array([view.sigma for view in self.views])
-        return given / np.median(given) if len(given) else given
+        return np.where(np.isnan(given), 1.0, given / self.expected_noise)
+
+    @cached_property
+    def expected_noise(self) -> float:
+        """Sigma (px) of a coordinate of a View of median sigma, before any fit."""
+        given = np.array([view.sigma for view in self.views])
+        known = given[np.isfinite(given)]
+        return float(np.median(known)) if len(known) else USUAL_NOISE
 
     @cached_property
     def shares(self) -> Floats:
@@ -139,8 +148,10 @@ def _check(views: Sequence[View], cameras: set[str], rectangles: dict[str, Recta
             raise QuadrigError(
                 f"{_where(view)}: points and pixels do not match; give P points (P, 3) with P pixels (P, 2)"
             )
-        if not (view.sigma > 0 and isfinite(view.sigma)):
-            raise QuadrigError(f"{_where(view)}: sigma is {view.sigma} px; give a positive number")
+        if view.sigma <= 0 or isinf(view.sigma):
+            raise QuadrigError(
+                f"{_where(view)}: sigma is {view.sigma} px; give a positive number, or nan where it is not known"
+            )
     # All at once, since there may be hundreds of thousands; one by one only where something is wrong.
     parts = [view.pixels.ravel() for view in views] + [r.ravel() for view in views for r in view.readings]
     if parts and not np.isfinite(np.concatenate(parts)).all():

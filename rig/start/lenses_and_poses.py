@@ -17,7 +17,7 @@ from quadrig.rig.adjustment.levenberg_marquardt import (
     with_prior,
 )
 from quadrig.rig.adjustment.normal_equations import State, linearise, normal_equations
-from quadrig.rig.adjustment.outliers import USUAL_NOISE, robust_noise
+from quadrig.rig.adjustment.outliers import robust_noise
 from quadrig.rig.adjustment.priors import ENOUGH_POINTS, LEAST_NOISE, ROUGH, estimated_lenses, first_priors
 from quadrig.rig.adjustment.schur import reduced_inverse
 from quadrig.rig.problem.build import Problem
@@ -190,7 +190,7 @@ def _refine(problem: Problem, observations: Observations, lens: Floats, poses: P
     free = FreeParameters(estimated_lenses(problem), still, every, priors.mean, priors.information)
     lengths = (lens[observations.camera, 0] * errors)[np.isfinite(errors)]
     # A mean squared length is twice the variance of a coordinate.
-    noise = max(float(np.median(lengths)) / np.sqrt(2), LEAST_NOISE) if len(lengths) else USUAL_NOISE
+    noise = max(float(np.median(lengths)) / np.sqrt(2), LEAST_NOISE) if len(lengths) else problem.expected_noise
     state = _by_themselves(lens, poses)
     found = adjust(observations, state, free, noise, robust=True, most_steps=_MONO_STEPS, tolerance=ROUGH)
     unknowns = 6 * float(problem.shares.sum()) + float(free.lens.sum())

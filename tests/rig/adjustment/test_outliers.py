@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from quadrig.rig.adjustment.outliers import USUAL_NOISE, find_outliers, noise_of, robust_noise
+from quadrig.rig.adjustment.outliers import find_outliers, noise_of, robust_noise
+from quadrig.rig.problem.build import USUAL_NOISE
 from quadrig.rig.problem.observations import pack
 
 VIEWS, POINTS = 60, 20
@@ -31,8 +32,8 @@ def test_noise_is_what_the_data_shows_and_the_usual_one_where_there_is_none(usua
     # Data that show the usual noise change nothing, however many.
     assert noise_of(50 * usual**2, 50, usual) == pytest.approx(usual)
     assert noise_of(1e6 * 0.7**2, 1e6, usual) == pytest.approx(0.7, rel=1e-4)
-    # Four numbers of twice the noise weigh as much as what was known before.
-    assert noise_of(4 * (2 * usual) ** 2, 4, usual) == pytest.approx(usual * np.sqrt(2.5))
+    # Numbers of twice the noise, as many as what was known before counts for, weigh as much as that.
+    assert noise_of(EXPECTED_WEIGHT * (2 * usual) ** 2, EXPECTED_WEIGHT, usual) == pytest.approx(usual * np.sqrt(2.5))
 
 
 @pytest.mark.parametrize("noise", [0.1, 0.5])
