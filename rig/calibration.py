@@ -59,7 +59,7 @@ def _solve(
     if isinstance(solved, Contradicted):
         return solved
     order = [c.name for c in cameras]
-    covariance = camera_covariance(solved.joint)
+    covariance = camera_covariance(solved.joint, solved.joint.covariance)
     return assemble_rig(solved.problem, solved.joint, solved.first, covariance, name, missing, order)
 
 

@@ -133,7 +133,7 @@ def _passed_on(problem: Problem, joint: Joint, rig: Rig, standing: Mask) -> Floa
     total[np.ix_(new, old)] = gain @ known
     total[np.ix_(old, new)] = total[np.ix_(new, old)].T
     total[np.ix_(new, new)] = np.linalg.inv(matrix[np.ix_(new, new)]) + gain @ known @ gain.T
-    return camera_covariance(replace(joint, adjustment=found, reduced=undamped(found, opened), covariance=total))
+    return camera_covariance(replace(joint, adjustment=found, reduced=undamped(found, opened)), total)
 
 
 def _as_solved(problem: Problem, rig: Rig, standing: Mask, columns: Ints) -> Floats:

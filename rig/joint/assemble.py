@@ -11,6 +11,7 @@ from quadrig.rig.doubt.weaknesses import weaknesses
 from quadrig.rig.doubt.working_accuracy import covered_points, working_accuracy
 from quadrig.rig.joint.cross_validation import cross_validate
 from quadrig.rig.joint.stages import Joint
+from quadrig.rig.joint.widened import widened_covariance
 from quadrig.rig.problem.build import Problem
 from quadrig.rig.problem.camera_input import CameraInput
 from quadrig.rig.result import CAMERA_PARAMETERS, Camera, PlacedRectangle, Rig, ViewFit
@@ -67,8 +68,9 @@ def _template(given: CameraInput) -> Intrinsics:
     return given.intrinsics or Intrinsics.centred(given.width, given.height, 1.0)
 
 
-def camera_covariance(joint: Joint) -> Floats:
-    """Covariance (15 C, 15 C) as Rig.covariance has it: lenses, and steps of rig_from_camera."""
+def camera_covariance(joint: Joint, reduced: Floats) -> Floats:
+    """Covariance (15 C, 15 C) as Rig.covariance has it: lenses, and steps of rig_from_camera; from one (C M, C M) of
+    the reduced system."""
     cameras, size = joint.reduced.free.shape
     columns = joint.adjustment.columns
     parameter = np.concatenate([columns, np.arange(LENS, CAMERA_PARAMETERS)])
@@ -77,7 +79,7 @@ def camera_covariance(joint: Joint) -> Floats:
     block[:, parameter[: len(columns)], np.arange(len(columns))] = 1.0
     block[:, LENS:, len(columns) : len(columns) + 6] = jacobian
     total = cameras * CAMERA_PARAMETERS
-    spread = (block @ joint.covariance.reshape(cameras, size, -1)).reshape(total, cameras, size)
+    spread = (block @ reduced.reshape(cameras, size, -1)).reshape(total, cameras, size)
     result = spread.transpose(1, 0, 2) @ block.transpose(0, 2, 1)
     return result.transpose(1, 0, 2).reshape(total, total)
 
@@ -237,11 +239,12 @@ def assemble_rig(
     """The Rig of a joint adjustment, cameras in the given order of names. covariance: as Rig.covariance has it."""
     fit, without = squares_of(problem, joint), cross_validate(problem, joint)
     held_out = _predicted(without.squares, fit)
-    widening = without.widening * student_widening(joint.freedom)
-    each = np.repeat(np.sqrt(widening), CAMERA_PARAMETERS)
-    covariance = covariance * np.outer(each, each)
+    widened = camera_covariance(joint, widened_covariance(joint, without.widening))
+    student = student_widening(joint.freedom)
+    covariance = student * (covariance + widened - camera_covariance(joint, joint.covariance))
+    widening = student * float(without.widening.mean())
     cameras = with_figures(cameras_of(problem, joint), fit, held_out, covariance)
-    rectangles = rectangles_of(problem, joint, float(widening.mean()))
+    rectangles = rectangles_of(problem, joint, widening)
     accuracy = working_accuracy(cameras, covariance, covered_points(rectangles))
     rows = [index for name in order for index, camera in enumerate(cameras) if camera.name == name]
     rig = Rig(

@@ -128,34 +128,38 @@ def _steps_without(joint: Joint, own: Reduced, number: int, out: Mask) -> Floats
 
 
 def _dispersion(joint: Joint, own: Reduced, count: int) -> Floats:
-    """Variance (C,) between the folds of each camera's numbers, as a multiple of what noise alone makes it.
+    """Variance (C,) between the folds of each camera's lens, as a multiple of what noise alone makes it.
 
     With C the covariance, and D and g a fold's information and gradient at the optimum: the fold moves the cameras by
-    C g, of which the covariance is C (D - D C D) C (the infinitesimal jackknife; Jaeckel 1972). Each is measured in
-    units of the camera's own covariance. A camera's ratio counts for as many numbers as it has, times the folds.
+    C g, of which the covariance is C (D - D C D) C (the infinitesimal jackknife; Jaeckel 1972). All cameras together
+    are measured by g' C g, each by its lens in units of the lens's own covariance: neither depends on where the rig
+    frame stands. A ratio counts for as many numbers as it was measured on, times the folds.
     """
-    cameras = joint.observations.cameras
+    cameras, lens = joint.observations.cameras, len(joint.adjustment.columns)
     size = len(joint.covariance) // cameras
-    free = joint.reduced.free
-    seen, expected = np.zeros(cameras), np.zeros(cameras)
-    blocks = joint.covariance.reshape(cameras, size, cameras, size)[np.arange(cameras), :, np.arange(cameras)]
-    both = free[:, :, None] & free[:, None, :]
-    inverse = np.where(both, np.linalg.inv(np.where(both, blocks, np.eye(size))), 0.0)
+    free = joint.reduced.free[:, :lens]
+    both, each = free[:, :, None] & free[:, None, :], np.arange(cameras)
+
+    def of_lens(matrix: Floats) -> Floats:
+        return matrix.reshape(cameras, size, cameras, size)[each, :, each][:, :lens, :lens]
+
+    inverse = np.where(both, np.linalg.inv(np.where(both, of_lens(joint.covariance), np.eye(lens))), 0.0)
+    seen, expected, together, by_chance = np.zeros(cameras), np.zeros(cameras), 0.0, 0.0
     for number in range(count):
         chosen = own.left // cameras == number
         left, right = own.left[chosen] % cameras, own.right[chosen] % cameras
         rows = slice(number * cameras, (number + 1) * cameras)
         gradient = np.where(own.free[rows], own.gradient[rows], 0.0).ravel()
-        moved = (joint.covariance @ gradient).reshape(cameras, 1, size)
-        seen += (moved @ inverse @ np.swapaxes(moved, 1, 2))[:, 0, 0]
+        moved = joint.covariance @ gradient
+        together += float(gradient @ moved)
+        of_each = moved.reshape(cameras, 1, size)[:, :, :lens]
+        seen += (of_each @ inverse @ np.swapaxes(of_each, 1, 2))[:, 0, 0]
         pulled = block_matrix(own.blocks[chosen], left, right, cameras) @ joint.covariance
-        spread = joint.covariance @ (pulled - pulled @ pulled)
-        spread = spread.reshape(cameras, size, cameras, size)[np.arange(cameras), :, np.arange(cameras)]
-        expected += (spread * inverse).sum(axis=(1, 2))
-    weight = np.maximum(expected, 0.0)
-    if not (weight > 0).any():
+        by_chance += float(np.trace(pulled) - (pulled * pulled.T).sum())
+        expected += (of_lens(joint.covariance @ (pulled - pulled @ pulled)) * inverse).sum(axis=(1, 2))
+    if not by_chance > 0:
         return np.ones(cameras)
     # Cameras of one rig are not independent: together they count for as much as one of them.
-    pooled = (_TRUSTED + count * weight.mean() * seen.sum() / weight.sum()) / (_TRUSTED + count * weight.mean())
-    own_ratio = seen / np.where(weight > 0, weight, 1.0)
-    return (_TRUSTED * pooled + count * weight * own_ratio) / (_TRUSTED + count * weight)
+    weight, pooled_weight = count * np.maximum(expected, 0.0), count * by_chance / cameras
+    pooled = (_TRUSTED + pooled_weight * together / by_chance) / (_TRUSTED + pooled_weight)
+    return (_TRUSTED * pooled + count * seen) / (_TRUSTED + weight)

@@ -44,11 +44,11 @@ _SAME_NOISE = 0.3
 # A minimum that is not reached in so many steps is a valley that the Views leave open; its sigmas say so.
 _MOST_STEPS = 25
 # Probabilities of classes of lenses that change by less than this move no figure by a hundredth of its sigma.
-_SAME_CLASSES = 0.02
+_SAME_CLASSES = 0.002
 # Rounds of noise, classes of lenses and minimum, none of which needs new derivatives.
 _SETTLING = 2
 # Rounds of rejecting and taking back corners: the second rarely changes anything.
-_ROUNDS = 3
+_ROUNDS = 5
 
 
 @dataclass(frozen=True)

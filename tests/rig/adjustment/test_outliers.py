@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from quadrig.rig.adjustment.outliers import find_outliers, noise_of, robust_noise
+from quadrig.rig.adjustment.outliers import EXPECTED_WEIGHT, find_outliers, noise_of, robust_noise
 from quadrig.rig.problem.build import USUAL_NOISE
 from quadrig.rig.problem.observations import pack
 

@@ -109,13 +109,14 @@ def test_one_frameset_cannot_be_left_out(simulated):
 
 
 def test_the_folds_of_clean_rigs_disagree_as_noise_explains(simulated):
-    """A mean of 1 over rigs of all kinds, and never so much that sigmas are widened."""
+    """A mean of 1 over rigs of all kinds, and no camera widened by much."""
     found = []
     for seed in range(12):
         scene = simulated.usual_scene(np.random.default_rng(seed), board=seed % 3 < 2, distortion=seed % 3 == 0)
         found.append(cross_validate(*jointly(simulated.simulate(seed, scene))))
-    assert np.mean([one.dispersion for one in found]) == pytest.approx(1, abs=4 * 0.15 / np.sqrt(len(found)))
-    assert all(one.widening == 1 for one in found)
+    every = np.concatenate([one.dispersion for one in found])
+    assert np.mean(every) == pytest.approx(1, abs=4 * 0.15 / np.sqrt(len(found)))
+    assert every.max() < 1.5
 
 
 def test_a_board_that_bends_widens_the_doubt(simulated):
@@ -128,7 +129,7 @@ def test_a_board_that_bends_widens_the_doubt(simulated):
         bend = 1.5 * across[:, None] ** 2 * [1.0, 0.0] if view.frameset > middle else 0.0
         worse.append(replace(view, pixels=view.pixels + bend))
     clean, bent = (calibrate(made.inputs, made.rectangles, views) for views in (made.views, worse))
-    assert clean.dispersion == 1
+    assert clean.dispersion < 1.2
     assert bent.dispersion > 1.5
     assert any("disagree" in sentence for sentence in bent.weak)
     assert bent.focal_sigma("cam1") > clean.focal_sigma("cam1") * np.sqrt(bent.dispersion)
