@@ -25,6 +25,8 @@ _GIVEN = 0.5
 _GIVEN_SIGMA = np.array([0.01, 0.005, 0.005, 0.02, 0.02, 0.001, 0.001, 0.02, 0.001])
 # Weight and widening of the focals' width: telephoto lenses are hardly in the table.
 _FOCAL_WIDTHS = ((0.9, 1.0), (0.1, 3.0))
+# Beyond so many sigmas of the logarithm a focal is no guide to where its own prior lies.
+_FARTHEST = 3.0
 # Sigma of a number that a lens model does not have.
 _NOTHING = 1e-6
 
@@ -88,6 +90,7 @@ def lens_classes(
     side = np.array([float(max(size)) for size in sizes])
     middle = np.array([image_middle(*size) for size in sizes])
     pinhole = np.array([model == "pinhole" for model in models])
+    focal = usual_focal(side, models, focal)
     half = np.where(pinhole, side / 2 / focal, 1.0)
     offset, unit = np.zeros((len(side), 9)), np.ones((len(side), 9))
     offset[:, 0], offset[:, 1:3], offset[:, 8] = focal * (1 - np.log(focal / side)), middle, 1.0
@@ -103,6 +106,18 @@ def lens_classes(
         mean[row, -1] = (lens.parameters - offset[row]) / unit[row]
         covariance[row, -1] = np.diag(sigma**2)
     return LensClasses(weight, mean, covariance, kind, offset, unit)
+
+
+def usual_focal(side: Floats, models: Sequence[LensModel], focal: Floats | None = None) -> Floats:
+    """Focals (C,) px within what lenses have, as near to the given ones as that allows; the usual ones for None.
+
+    There a fit begins, and a prior of their logarithm is linearised. side (C,) px: the larger side of the pictures.
+    """
+    usual = np.array([FOCAL if model == "pinhole" else FISHEYE_FOCAL for model in models]).reshape(-1, 2)
+    if focal is None:
+        return side * np.exp(usual[:, 0])
+    far = _FARTHEST * usual[:, 1]
+    return side * np.exp(np.clip(np.log(focal / side), usual[:, 0] - far, usual[:, 0] + far))
 
 
 @cache

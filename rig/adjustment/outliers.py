@@ -13,6 +13,8 @@ from quadrig.single.arrays import Floats, Mask
 _FAR = 25.0
 # A View of which this share of the corners is off is wrong as a whole (its id, its order, its instant).
 _WHOLE_VIEW = 0.5
+# Less than any detector's noise (px): keeps a View that its own few unknowns explain wholly from infinite weight.
+LEAST_NOISE = 0.02
 EXPECTED_WEIGHT = 6.0
 """Weight of the noise that is expected, in degrees of freedom: it matters where the data has few. A detector's claim,
 or a person's, is good to a factor of one and a half or so."""
@@ -76,3 +78,10 @@ def robust_noise(observations: Observations, squares: tuple[Floats, ...], unknow
     left = max(coordinates - unknowns, 0.1 * coordinates) / coordinates
     # The median of a squared length of two unit Gaussians is 2 ln 2.
     return float(np.sqrt(np.median(every) / (2 * np.log(2)) / left))
+
+
+def first_noise(observations: Observations, squares: tuple[Floats, ...], unknowns: float, expected: float) -> float:
+    """Sigma (px) of a coordinate before outliers are known: robust, and with few residuals near what is expected."""
+    freedom = max(2 * observations.count - unknowns, 0.0)
+    seen = robust_noise(observations, squares, unknowns)
+    return max(noise_of(freedom * seen**2, freedom, expected), LEAST_NOISE)

@@ -1,6 +1,6 @@
 """What is known of a lens before its Views speak, and what of that stays in doubt when they did."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -10,8 +10,6 @@ from quadrig.single.arrays import Floats, Mask
 from quadrig.single.lens import LENS_PARAMETERS, LensModel
 from quadrig.single.lens_prior import LensClasses, lens_classes
 
-# Less than any detector's noise (px): keeps a View that its own few unknowns explain wholly from infinite weight.
-LEAST_NOISE = 0.02
 # So many points, spread over a board, determine a pose and a lens well enough to start from: every point has its say
 # at the end.
 ENOUGH_POINTS = 16
@@ -35,11 +33,19 @@ _ESTIMATED: dict[LensChoice, tuple[str, ...]] = {
 @dataclass(frozen=True, eq=False)
 class LensPriors:
     """Gaussian priors of the lenses of all cameras: mean (C, 9), information (C, 9, 9). kinds (C, 6): how likely each
-    of lens_prior.CLASS_NAMES is for each camera."""
+    of lens_prior.CLASS_NAMES is for each camera. focal_share (C,): what share of the information on its focal is real;
+    its prior is held as much more firmly in the fit, and its variance is as much larger after it."""
 
     mean: Floats
     information: Floats
     kinds: Floats
+    focal_share: Floats
+
+    def holding_focals(self, share: Floats) -> "LensPriors":
+        """The same where only a share (C,) of the information on the focals is real."""
+        information = self.information.copy()
+        information[:, 0, 0] *= self.focal_share / share
+        return replace(self, information=information, focal_share=share)
 
 
 def lens_models(problem: Problem) -> list[LensModel]:
@@ -81,7 +87,7 @@ def weighed_priors(problem: Problem, before: LensPriors, free: Mask, lens: Float
     pull = (np.where(both, own, 0.0) @ away[..., None])[..., 0] + (data @ (before.mean / scale)[..., None])[..., 0]
     classes = _classes(problem, lens[:, 0])
     weight = classes.weigh(pull / scale, data / square)
-    return _priors(LensClasses(weight, classes.mean, classes.covariance, classes.kind, classes.offset, classes.unit))
+    return _priors(replace(classes, weight=weight)).holding_focals(before.focal_share)
 
 
 def _classes(problem: Problem, focal: Floats) -> LensClasses:
@@ -93,4 +99,4 @@ def _priors(classes: LensClasses) -> LensPriors:
     mean, covariance = classes.moments()
     scale = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
     square = scale[:, :, None] * scale[:, None, :]
-    return LensPriors(mean, np.linalg.inv(covariance / square) / square, classes.kinds())
+    return LensPriors(mean, np.linalg.inv(covariance / square) / square, classes.kinds(), np.ones(len(mean)))

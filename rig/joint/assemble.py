@@ -11,7 +11,7 @@ from quadrig.rig.doubt.weaknesses import weaknesses
 from quadrig.rig.doubt.working_accuracy import covered_points, working_accuracy
 from quadrig.rig.joint.cross_validation import cross_validate
 from quadrig.rig.joint.stages import Joint
-from quadrig.rig.joint.widened import widened_covariance
+from quadrig.rig.joint.widened import widened_covariance, with_weak_focals
 from quadrig.rig.problem.build import Problem
 from quadrig.rig.problem.camera_input import CameraInput
 from quadrig.rig.result import CAMERA_PARAMETERS, Camera, PlacedRectangle, Rig, ViewFit
@@ -239,9 +239,9 @@ def assemble_rig(
     """The Rig of a joint adjustment, cameras in the given order of names. covariance: as Rig.covariance has it."""
     fit, without = squares_of(problem, joint), cross_validate(problem, joint)
     held_out = _predicted(without.squares, fit)
-    widened = camera_covariance(joint, widened_covariance(joint, without.widening))
+    widened = with_weak_focals(joint, widened_covariance(joint, without.widening))
     student = student_widening(joint.freedom)
-    covariance = student * (covariance + widened - camera_covariance(joint, joint.covariance))
+    covariance = student * (covariance + camera_covariance(joint, widened - joint.covariance))
     widening = student * float(without.widening.mean())
     cameras = with_figures(cameras_of(problem, joint), fit, held_out, covariance)
     rectangles = rectangles_of(problem, joint, widening)

@@ -13,10 +13,9 @@ from quadrig.rig.adjustment.levenberg_marquardt import (
     with_noise,
 )
 from quadrig.rig.adjustment.normal_equations import Layout, State, layout, residual_squares
-from quadrig.rig.adjustment.outliers import EXPECTED_WEIGHT, Inliers, noise_of, robust_noise
+from quadrig.rig.adjustment.outliers import EXPECTED_WEIGHT, Inliers, first_noise, noise_of
 from quadrig.rig.adjustment.priors import (
     ENOUGH_POINTS,
-    LEAST_NOISE,
     ROUGH,
     LensPriors,
     estimated_lenses,
@@ -43,6 +42,10 @@ from quadrig.single.arrays import Floats, Mask
 _SAME_NOISE = 0.3
 # A minimum that is not reached in so many steps is a valley that the Views leave open; its sigmas say so.
 _MOST_STEPS = 25
+# Steps of one robust fit, and widths of its loss before that of the noise: a first rig of few Views may be tens of
+# degrees off, and its residuals some ten times the noise.
+_ROBUST_STEPS = 12
+_WIDER = (20.0, 5.0)
 # Probabilities of classes of lenses that change by less than this move no figure by a hundredth of its sigma.
 _SAME_CLASSES = 0.002
 # Rounds of noise, classes of lenses and minimum, none of which needs new derivatives.
@@ -111,7 +114,7 @@ def solve_jointly(
     """Adjust everything at once. The cameras that are standing (C,) bool keep their poses, and so does fixed_node:
     one of them at least holds the rig frame. offsets (C,) s: of the clocks, where they are known to differ."""
     observations = problem.observations(first.reading)
-    priors = first_priors(problem, alone.lens[:, 0])
+    priors = first_priors(problem, alone.lens[:, 0]).holding_focals(alone.real_tilt)
     free = _free_parameters(problem, observations, priors, standing, fixed_node)
     state = State(alone.lens, first.camera_from_rig, first.rig_from_node, offsets=offsets)
     robust = _robust_stage(problem, observations, state, alone, first, free)
@@ -138,7 +141,8 @@ def _robust_stage(
     if state.offsets is not None:
         state = with_motion(problem, state)
     tables = layout(observations)
-    found, noise = _robust(observations.thinned(ENOUGH_POINTS), state, alone.noise, first, free, tables)
+    thinned = observations.thinned(ENOUGH_POINTS)
+    found, noise = _robust(problem, thinned, state, alone.noise, first, free, tables)
     if state.offsets is not None:
         found = replace(found, state=with_motion(problem, found.state))
     squares = residual_squares(observations, found.state)
@@ -151,23 +155,35 @@ def _robust_stage(
 
 
 def _robust(
-    observations: Observations, state: State, noise: float, first: FirstRig, free: FreeParameters, tables: Layout
+    problem: Problem,
+    observations: Observations,
+    state: State,
+    noise: float,
+    first: FirstRig,
+    free: FreeParameters,
+    tables: Layout,
 ) -> tuple[Adjustment, float]:
     """From the first rig on, Views that fit nothing left out until the rig can judge them; with the noise (px)."""
     weights = [np.where(first.agrees[g.view][:, None], g.weights, 0.0) for g in observations.groups]
     trusted = observations.with_weights(weights)
     unknowns = 6 * float(shown_nodes(trusted).sum() + free.pose.sum()) + float(free.lens.sum())
+
+    def fit(used: Observations, at: State, sigma: float) -> Adjustment:
+        return adjust(used, at, free, sigma, robust=True, most_steps=_ROBUST_STEPS, tables=tables, tolerance=ROUGH)
+
+    # First with a wider loss: a camera whose first lens is wrong is brought round by all of its Views, where Cauchy's
+    # loss at the noise's own width would give them all up.
+    for wider in _WIDER:
+        state = fit(trusted, state, wider * noise).state
     while True:
-        found = adjust(trusted, state, free, noise, robust=True, most_steps=12, tables=tables, tolerance=ROUGH)
-        seen = max(robust_noise(trusted, found.linearised.squares, unknowns), LEAST_NOISE)
+        found = fit(trusted, state, noise)
+        seen = first_noise(trusted, found.linearised.squares, unknowns, problem.expected_noise)
         if abs(np.log(seen / noise)) < _SAME_NOISE:
             break
         state, noise = found.state, seen
     if not first.agrees.all():
         # Views where a lens was not known yet disagree as wrong ones do, but bring it round once the rig stands.
-        found = adjust(
-            observations, found.state, free, seen, robust=True, most_steps=12, tables=tables, tolerance=ROUGH
-        )
+        found = fit(observations, found.state, seen)
     return found, seen
 
 

@@ -31,4 +31,18 @@ def widened_covariance(joint: Joint, widening: Floats) -> Floats:
     own[:, :columns, :columns] += joint.free.information[:, adjustment.columns[:, None], adjustment.columns]
     blocks[tables.diagonal] += own[tables.block_left[tables.diagonal]]
     spread = block_matrix(blocks, tables.block_left, tables.block_right, observations.cameras)
-    return joint.covariance @ spread @ joint.covariance
+    result = joint.covariance @ (spread @ joint.covariance)
+    return (result + result.T) / 2
+
+
+def with_weak_focals(joint: Joint, covariance: Floats) -> Floats:
+    """The covariance (C M, C M) with the focals as unsure as the real tilts of their Views leave them, all that hangs
+    on them following."""
+    cameras, share = joint.observations.cameras, joint.priors.focal_share
+    covariance = covariance.copy()
+    for camera in np.flatnonzero(share < 1):
+        focal = camera * (len(covariance) // cameras)
+        if covariance[focal, focal] > 0:
+            along = covariance[:, focal] / np.sqrt(covariance[focal, focal])
+            covariance += (1 / share[camera] - 1) * np.outer(along, along)
+    return covariance

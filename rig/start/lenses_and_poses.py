@@ -17,13 +17,14 @@ from quadrig.rig.adjustment.levenberg_marquardt import (
     with_prior,
 )
 from quadrig.rig.adjustment.normal_equations import State, linearise, normal_equations
-from quadrig.rig.adjustment.outliers import robust_noise
-from quadrig.rig.adjustment.priors import ENOUGH_POINTS, LEAST_NOISE, ROUGH, estimated_lenses, first_priors
+from quadrig.rig.adjustment.outliers import LEAST_NOISE, first_noise
+from quadrig.rig.adjustment.priors import ENOUGH_POINTS, ROUGH, estimated_lenses, first_priors, lens_models
 from quadrig.rig.adjustment.schur import reduced_inverse
 from quadrig.rig.problem.build import Problem
 from quadrig.rig.problem.observations import Observations, pack
 from quadrig.single.arrays import Floats, Ints, Mask
 from quadrig.single.lens import image_middle, unproject
+from quadrig.single.lens_prior import usual_focal
 from quadrig.single.pose import Pose, compose_jacobians
 from quadrig.single.rectangle import rectangle_corners
 from quadrig.single.rotation import nearest_rotation
@@ -43,6 +44,10 @@ _MONO_STEPS = 3
 # Gauss-Newton steps of a twin, whose closed form is near already.
 _TWIN_STEPS = 2
 _NO_LENS = np.zeros(0, int)
+# Noise adds its variance to the square of a tilt in the mean, and as much again strays.
+_NOISE_SQUARES = 2.0
+# Of a focal of which all information is noise nothing is known but its prior: this keeps numbers finite.
+_LEAST_SHARE = 0.01
 # Added to the diagonal of a pose's normal matrix (1/rad^2, 1/m^2): far below what any View contributes.
 _LEAST_INFORMATION = 1e-9
 
@@ -64,11 +69,13 @@ class Candidates:
 
 @dataclass(frozen=True, eq=False)
 class FirstCameras:
-    """Lenses (C, 9), candidates of every View, and the noise (px) seen so far."""
+    """Lenses (C, 9), candidates of every View, and the noise (px) seen so far. real_tilt (C,): what share of the
+    squared tilts that each camera sees is no noise."""
 
     lens: Floats
     candidates: Candidates
     noise: float
+    real_tilt: Floats
 
 
 def first_cameras(problem: Problem) -> FirstCameras:
@@ -77,7 +84,30 @@ def first_cameras(problem: Problem) -> FirstCameras:
     lens = _first_lenses(problem, observations)
     poses, errors = _both_poses(observations, lens)
     alone = _refine(problem, observations, lens, poses[:, 0], errors[:, 0])
-    return FirstCameras(alone.lens, _candidates(problem, observations, alone, poses[:, 1], errors), alone.noise)
+    candidates = _candidates(problem, observations, alone, poses[:, 1], errors)
+    return FirstCameras(alone.lens, candidates, alone.noise, _real_tilt(problem, observations, alone))
+
+
+def _real_tilt(problem: Problem, observations: Observations, alone: _Alone) -> Floats:
+    """Share (C,) of the squared tilts of a camera's Views that is not noise, nearly 0 to 1.
+
+    A rectangle seen flat on shows the same for every focal; what separates the focal from the distance goes with the
+    square of the tilt. Noise alone tilts a fitted rectangle, and the fit takes that tilt for knowledge, of a focal far
+    too short. So tilts are looked at as they are for the usual focal.
+    """
+    side = np.array([float(max(camera.width, camera.height)) for camera in problem.cameras])
+    lens = alone.lens.copy()
+    lens[:, 0] = usual_focal(side, lens_models(problem))
+    poses, errors = _both_poses(observations, lens)
+    found = linearise(observations, _by_themselves(lens, poses[:, 0]), _NO_LENS, alone.noise, robust=True)
+    covariance, _ = _own_doubt(found.gram[:, :6, :6], errors[:, 0])
+    usable = np.isfinite(errors[:, 0]) & (np.trace(found.gram[:, :6, :6], axis1=1, axis2=2) > 0)
+    square = 1 - np.clip(poses.rotation[:, 0, 2, 2], -1, 1) ** 2
+    noise = np.diagonal(covariance, axis1=1, axis2=2)[:, :2].sum(axis=1)
+    camera = observations.camera[usable]
+    squares, noises = (np.bincount(camera, values[usable], observations.cameras) for values in (square, noise))
+    share = 1 - _NOISE_SQUARES * noises / np.maximum(squares, 1e-12)
+    return np.where(squares > 0, np.clip(share, _LEAST_SHARE, 1.0), 1.0)
 
 
 def _alone(problem: Problem) -> Observations:
@@ -114,6 +144,8 @@ def _first_lenses(problem: Problem, observations: Observations) -> Floats:
         own = (problem.camera == row) & (weight > 0) & (size > _SHORTEST) & (size < _LONGEST)
         if own.any():
             lens[row, 0] = _weighted_median(focal[own], weight[own])
+    given = np.array([camera.intrinsics is not None for camera in problem.cameras])
+    lens[:, 0] = np.where(given, lens[:, 0], usual_focal(larger, lens_models(problem), lens[:, 0]))
     return lens
 
 
@@ -194,7 +226,7 @@ def _refine(problem: Problem, observations: Observations, lens: Floats, poses: P
     state = _by_themselves(lens, poses)
     found = adjust(observations, state, free, noise, robust=True, most_steps=_MONO_STEPS, tolerance=ROUGH)
     unknowns = 6 * float(problem.shares.sum()) + float(free.lens.sum())
-    seen = max(robust_noise(observations, found.linearised.squares, unknowns), LEAST_NOISE)
+    seen = first_noise(observations, found.linearised.squares, unknowns, problem.expected_noise)
     gram = found.linearised.gram * (noise / seen) ** 2
     lens_size = len(found.columns)
     pose = slice(lens_size, lens_size + 6)
