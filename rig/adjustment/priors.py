@@ -33,8 +33,8 @@ _ESTIMATED: dict[LensChoice, tuple[str, ...]] = {
 @dataclass(frozen=True, eq=False)
 class LensPriors:
     """Gaussian priors of the lenses of all cameras: mean (C, 9), information (C, 9, 9). kinds (C, 6): how likely each
-    of lens_prior.CLASS_NAMES is for each camera. focal_share (C,): what share of the information on its focal is real;
-    its prior is held as much more firmly in the fit, and its variance is as much larger after it."""
+    of lens_prior.CLASS_NAMES is for each camera. focal_share (C,): what share of the information on its focal is
+    real; its prior is held as much more firmly in the fit, and its variance is as much larger after it."""
 
     mean: Floats
     information: Floats

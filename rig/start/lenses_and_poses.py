@@ -88,28 +88,6 @@ def first_cameras(problem: Problem) -> FirstCameras:
     return FirstCameras(alone.lens, candidates, alone.noise, _real_tilt(problem, observations, alone))
 
 
-def _real_tilt(problem: Problem, observations: Observations, alone: _Alone) -> Floats:
-    """Share (C,) of the squared tilts of a camera's Views that is not noise, nearly 0 to 1.
-
-    A rectangle seen flat on shows the same for every focal; what separates the focal from the distance goes with the
-    square of the tilt. Noise alone tilts a fitted rectangle, and the fit takes that tilt for knowledge, of a focal far
-    too short. So tilts are looked at as they are for the usual focal.
-    """
-    side = np.array([float(max(camera.width, camera.height)) for camera in problem.cameras])
-    lens = alone.lens.copy()
-    lens[:, 0] = usual_focal(side, lens_models(problem))
-    poses, errors = _both_poses(observations, lens)
-    found = linearise(observations, _by_themselves(lens, poses[:, 0]), _NO_LENS, alone.noise, robust=True)
-    covariance, _ = _own_doubt(found.gram[:, :6, :6], errors[:, 0])
-    usable = np.isfinite(errors[:, 0]) & (np.trace(found.gram[:, :6, :6], axis1=1, axis2=2) > 0)
-    square = 1 - np.clip(poses.rotation[:, 0, 2, 2], -1, 1) ** 2
-    noise = np.diagonal(covariance, axis1=1, axis2=2)[:, :2].sum(axis=1)
-    camera = observations.camera[usable]
-    squares, noises = (np.bincount(camera, values[usable], observations.cameras) for values in (square, noise))
-    share = 1 - _NOISE_SQUARES * noises / np.maximum(squares, 1e-12)
-    return np.where(squares > 0, np.clip(share, _LEAST_SHARE, 1.0), 1.0)
-
-
 def _alone(problem: Problem) -> Observations:
     """Every View with a pose of its own, in the frame of its rectangle, where it is flat."""
     views = problem.views
@@ -244,6 +222,28 @@ def _lens_covariances(observations: Observations, found: Adjustment, free: FreeP
     reduced = undamped(weighed, free)
     covariance = lens_covariances(found, reduced_inverse(reduced))
     return covariance[:, found.columns[:, None], found.columns]
+
+
+def _real_tilt(problem: Problem, observations: Observations, alone: _Alone) -> Floats:
+    """Share (C,) of the squared tilts of a camera's Views that is not noise, nearly 0 to 1.
+
+    A rectangle seen flat on shows the same for every focal; what separates the focal from the distance goes with the
+    square of the tilt. Noise alone tilts a fitted rectangle, and the fit takes that tilt for knowledge, of a focal
+    far too short. So tilts are looked at as they are for the usual focal.
+    """
+    side = np.array([float(max(camera.width, camera.height)) for camera in problem.cameras])
+    lens = alone.lens.copy()
+    lens[:, 0] = usual_focal(side, lens_models(problem))
+    poses, errors = _both_poses(observations, lens)
+    found = linearise(observations, _by_themselves(lens, poses[:, 0]), _NO_LENS, alone.noise, robust=True)
+    covariance, _ = _own_doubt(found.gram[:, :6, :6], errors[:, 0])
+    usable = np.isfinite(errors[:, 0]) & (np.trace(found.gram[:, :6, :6], axis1=1, axis2=2) > 0)
+    square = 1 - np.clip(poses.rotation[:, 0, 2, 2], -1, 1) ** 2
+    noise = np.diagonal(covariance, axis1=1, axis2=2)[:, :2].sum(axis=1)
+    camera = observations.camera[usable]
+    squares, noises = (np.bincount(camera, values[usable], observations.cameras) for values in (square, noise))
+    share = 1 - _NOISE_SQUARES * noises / np.maximum(squares, 1e-12)
+    return np.where(squares > 0, np.clip(share, _LEAST_SHARE, 1.0), 1.0)
 
 
 def _by_themselves(lens: Floats, poses: Pose) -> State:
