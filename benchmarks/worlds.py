@@ -20,7 +20,7 @@ from quadrig.single import Intrinsics, Rectangle, View
 from quadrig.single.arrays import Floats
 from quadrig.single.lens import image_middle, project
 from quadrig.single.lens_prior import lens_classes
-from quadrig.single.marking import board_points
+from quadrig.single.markings.boards import board_points
 from quadrig.single.pose import Pose
 from quadrig.single.rotation import rotation_from_vector
 

@@ -55,8 +55,10 @@ def open_freedom(observations, state, slack=None):
     cameras = len(state.lens)
     lens = np.zeros((cameras, 9), bool)
     lens[:, :5] = True
-    information = np.zeros((cameras, 9))
-    information[:, 1:3] = 1 / 20.0**2
+    # A principal point known to 20 px, and radial terms that belong together.
+    information = np.zeros((cameras, 9, 9))
+    information[:, [1, 2], [1, 2]] = 1 / 20.0**2
+    information[:, 3:5, 3:5] = [[40.0, 30.0], [30.0, 50.0]]
     return FreeParameters(
         lens, np.arange(cameras) > 0, np.ones(observations.nodes, bool), state.lens.copy(), information,
         slack=slack,
@@ -65,7 +67,8 @@ def open_freedom(observations, state, slack=None):
 
 def whole_cost(observations, state, free, noise):
     cost = linearise(observations, state, EVERY_LENS, noise).cost
-    cost += (free.prior_information * free.lens * (state.lens - free.prior_mean) ** 2).sum()
+    away = (state.lens - free.prior_mean) * free.lens
+    cost += np.einsum("ci,cij,cj->", away, free.prior_information, away)
     if state.slack is not None:
         held = np.where(free.slack.loose[:, None], free.slack.information, 0)
         cost += (held * state.slack**2).sum()

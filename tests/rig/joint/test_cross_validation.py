@@ -9,19 +9,6 @@ from quadrig.rig.adjustment.levenberg_marquardt import adjust
 from quadrig.rig.adjustment.normal_equations import linearise
 from quadrig.rig.calibration import calibrate
 from quadrig.rig.joint.cross_validation import cross_validate
-from quadrig.rig.joint.stages import Joint, solve_jointly
-from quadrig.rig.problem.build import build_problem
-from quadrig.rig.start.lenses_and_poses import first_cameras
-from quadrig.rig.start.pose_graph import first_rig
-
-
-def jointly(made):
-    problem = build_problem(made.inputs, made.rectangles, made.views)
-    alone = first_cameras(problem)
-    standing = np.arange(len(problem.cameras)) == 0
-    joint = solve_jointly(problem, alone, first_rig(problem, alone.candidates, 0), standing)
-    assert isinstance(joint, Joint)
-    return problem, joint
 
 
 def folds(problem, count=5):
@@ -68,7 +55,7 @@ def refitted_squares(problem, joint):
 
 
 @pytest.mark.parametrize("board", [True, False])
-def test_one_step_says_what_real_refits_say(simulated, board):
+def test_one_step_says_what_real_refits_say(simulated, board, jointly):
     made = simulated.simulate(41, simulated.Scene(cameras=3, framesets=30, board=board, distortion=board))
     problem, joint = jointly(made)
     quick, real = cross_validate(problem, joint).squares, refitted_squares(problem, joint)
@@ -108,7 +95,7 @@ def test_one_frameset_cannot_be_left_out(simulated):
     assert np.isnan(rig.held_out_rms)
 
 
-def test_the_folds_of_clean_rigs_disagree_as_noise_explains(simulated):
+def test_the_folds_of_clean_rigs_disagree_as_noise_explains(simulated, jointly):
     """A mean of 1 over rigs of all kinds, and no camera widened by much."""
     found = []
     for seed in range(12):

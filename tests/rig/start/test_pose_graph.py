@@ -178,8 +178,8 @@ def test_surer_rectangles_pull_more():
     ]
     (relative,) = relative_poses(*told(rows))
     step = (HERE @ THERE.inverse()).step_to(relative.left_from_right)
-    # Both cameras' three rotations, each with the hundredth that a lens leaves wrong.
-    variance = [2 * (3 * sigma**2 + 0.01**2) for sigma in sigmas]
+    # Both cameras' three rotations.
+    variance = [2 * 3 * sigma**2 for sigma in sigmas]
     assert np.linalg.norm(step[:3]) == pytest.approx(angle * variance[0] / sum(variance), rel=0.02)
     assert relative.support == 2
     one = relative_poses(*told(rows[:2]))[0]
@@ -221,10 +221,8 @@ def test_a_camera_that_nothing_joins_stays_apart():
     np.testing.assert_allclose(first.camera_from_rig[1].matrix(), np.eye(4), atol=1e-12)
 
 
-# Sigmas that a candidate of these sigmas has beside what a lens leaves wrong: a hundredth of a radian, and of the
-# distance. Beyond four common ones of two candidates neither supports the other.
-ROTATION_SIGMA = np.sqrt(3 * 0.02**2 + 0.01**2)
-POSITION_SIGMA = np.sqrt(3 * 0.02**2 + (0.01 * np.linalg.norm(HERE.translation)) ** 2)
+# Of a candidate whose six numbers have a sigma of 0.02 each.
+ROTATION_SIGMA = POSITION_SIGMA = np.sqrt(3 * 0.02**2)
 
 
 def shifted(pose, metres):
