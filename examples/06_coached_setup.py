@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from quadrig.rig import Advice, CameraInput, Coach, Rig, Situation, advise, calibrate
+from quadrig.rig import Advice, CameraInput, Coach, Rig, Situation, advise, calibrate, covered_points
 from quadrig.single import Floats, Intrinsics, Pose, QuadrigError, Rectangle, Sheet, View, detect_views, render_image
 from quadrig.single.markings.tag import TagMarking
 from quadrig.single.render.capture import Capture
@@ -160,9 +160,11 @@ def trembled(rng: np.random.Generator, pose: Pose) -> Pose:
 
 
 def true_error(room: Room, rig: Rig) -> float:
-    """Root mean square distance, m, of points triangulated by the rig from where they are, the frame fitted."""
-    rng = np.random.default_rng(0)
-    world = rng.uniform([-0.6, -0.4, -0.6], [0.6, 0.3, 0.6], (60, 3))
+    """Root mean square distance, m, of points triangulated by the rig from where they are, the frame fitted; where
+    sheets were seen, which is what the rig's accuracy speaks of."""
+    seen = covered_points(rig.rectangles)
+    chosen = np.random.default_rng(0).choice(len(seen), min(60, len(seen)), replace=False)
+    world = room.world_from_cameras[room.names.index(rig.reference)].transform(seen[chosen])
     found, truth = [], []
     for point in world:
         position = triangulated(room, rig, point)
