@@ -162,7 +162,7 @@ def zhang(views: list[np.ndarray]) -> tuple[np.ndarray, Pose]:
 
 
 def table_2(
-    T: np.ndarray, photographed: bool, noise: float, runs: int, rng: np.random.Generator
+    T: np.ndarray, noise: float, runs: int, rng: np.random.Generator, *, photographed: bool
 ) -> dict[str, Errors]:
     """Every method on the same noisy points."""
     truth = Pose(rotation_from_angles(*ANGLES), T)
@@ -244,7 +244,7 @@ def print_table_2(runs: int) -> None:
     ):
         for level, printed in enumerate(PRINTED_TABLE_2):
             noise = float(level + 1)
-            methods = table_2(T, photographed, noise, runs, rng)
+            methods = table_2(T, noise, runs, rng, photographed=photographed)
             limits = bound(T, grid()[OUTER], noise), bound(T, grid(), noise)
             print(f"\nTable 2 {title}; noise {noise:.0f} px, {runs} runs, mean absolute error (m, degrees, px)")
             names = ["printed [22]", "printed ours", "printed [7]", *methods, "bound, 4", "bound, 64"]

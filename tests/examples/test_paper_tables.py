@@ -15,8 +15,8 @@ def tables(load_script):
 
 @pytest.mark.parametrize("noise", [1, 2, 3, 4, 5, 6])
 def test_table_2_is_beaten_eight_times_at_the_printed_pose(tables, monkeypatch, noise):
-    monkeypatch.setattr(tables, "zhang", lambda views: (np.zeros(1), Pose.identity()[None]))
-    methods = tables.table_2(tables.PRINTED_T, False, float(noise), 300, np.random.default_rng(noise))
+    monkeypatch.setattr(tables, "zhang", lambda _views: (np.zeros(1), Pose.identity()[None]))
+    methods = tables.table_2(tables.PRINTED_T, float(noise), 300, np.random.default_rng(noise), photographed=False)
     ours = methods["ours, 64 points"]
     assert ours.failed == 0
     assert (tables.PRINTED_TABLE_2[noise - 1, :, 1] / ours.mean).min() > 8
@@ -34,13 +34,13 @@ def test_no_four_corners_can_do_what_table_2_prints(tables):
 
 
 def test_the_visible_pose_is_solved_at_the_bound_and_the_comparators_are_real(tables):
-    methods = tables.table_2(tables.VISIBLE_T, True, 1.0, 100, np.random.default_rng(9))
+    methods = tables.table_2(tables.VISIBLE_T, 1.0, 100, np.random.default_rng(9), photographed=True)
     bound = tables.bound(tables.VISIBLE_T, tables.grid(), 1.0)
     assert methods["ours, 64 points"].mean == pytest.approx(bound, rel=0.25)
     for name in ("[22] five points", "[7] three views"):
         assert methods[name].failed < 10
     # Exact points come back from the method that this script writes itself.
-    still = tables.table_2(tables.VISIBLE_T, True, 0.0 + 1e-9, 3, np.random.default_rng(9))
+    still = tables.table_2(tables.VISIBLE_T, 0.0 + 1e-9, 3, np.random.default_rng(9), photographed=True)
     assert still["[22] five points"].mean.max() < 1e-4
     assert still["[7] three views"].mean[6] < 0.1
 
