@@ -77,9 +77,12 @@ def test_it_stops_at_the_accuracy_asked_for_and_goes_on_from_there(videos, tmp_p
     assert second["working_accuracy_mm"] < first["working_accuracy_mm"]
 
 
-def started(videos: Path, output: Path, *more: str) -> subprocess.Popen:
-    """A session that waits for a stream that never comes, and so goes on after the videos' end."""
-    command = [sys.executable, "-m", "quadrig.io", *arguments(videos, output, *more)]
+def started(videos: Path, output: Path, *more: str, before: tuple[str, ...] = ()) -> subprocess.Popen:
+    """A session that waits for a stream that never comes, and so goes on after the videos' end.
+
+    before: a command that the session is given to.
+    """
+    command = [*before, sys.executable, "-m", "quadrig.io", *arguments(videos, output, *more)]
     return subprocess.Popen(
         [*command, f"late=watch:{output.parent}"],
         stdin=subprocess.PIPE,
@@ -117,13 +120,15 @@ def test_enter_and_interrupt_leave_a_rig_and_a_recording(videos, tmp_path, how):
     assert open_recording([tmp_path / "rig-recording.mcap"]).indexed
 
 
-def test_killed_and_resumed(videos, tmp_path, capsys):
-    process = started(videos, tmp_path / "rig.mcap", "--no-viewer", "--fast")
+@pytest.mark.parametrize("before", [(), ("nice", "-n", "10")], ids=["usual", "nice"])
+def test_killed_and_resumed(videos, tmp_path, capsys, before):
+    process = started(videos, tmp_path / "rig.mcap", "--no-viewer", "--fast", before=before)
     try:
         wait_for_kept(tmp_path / "rig-recording.mcap", 4)
     finally:
         os.kill(process.pid, signal.SIGKILL)
-        process.communicate()
+        # Its worker holds the other end of these pipes: it is gone as well.
+        process.communicate(timeout=20)
     before = {view.frameset for view in read_kept_views(tmp_path / "rig-recording.mcap")[0]}
     assert all(camera.frames for camera in open_recording([tmp_path / "rig-recording.mcap"]).cameras)
     assert run(arguments(videos, tmp_path / "rig.mcap", "--no-viewer", "--json", "--fast", "--resume")) == 0
