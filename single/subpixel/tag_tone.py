@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from quadrig.single.arrays import Floats, Ints, Mask, Picture, Singles
-from quadrig.single.subpixel.blurred_step import LEAST_NOISE, damped_step, standard_normal, variance_of_sides
+from quadrig.single.arrays import Floats, Ints, Mask, Picture, Reals, Singles
+from quadrig.single.subpixel.blurred_step import LEAST_NOISE, damped_step, soft_step, variance_of_sides
 from quadrig.single.subpixel.local_homography import local_homographies, mapped
 from quadrig.single.subpixel.tone import Evidence, Tone, gamma_evidence
 
@@ -21,10 +21,10 @@ _BESIDE = 1.5
 # Standard deviation of log gamma that no inside takes away: real curves are no powers.
 _MODEL_SIGMA = 0.02
 # Share of a tag's side by which its bits may lie elsewhere than the corners of its outline say, as bent sheets have
-# it, and lenses; px of it at a side of 100 px, for it grows with the square. The first steps feel as far as that.
+# it, and lenses; px of it at a side of 100 px, for it grows with the square.
 _WARP, _WARP_OF_100 = 0.02, 0.5
-# Steps of Gauss and Newton, and as many more where the bits may lie farther off than the blur.
-_STEPS, _STEPS_WARPED = 2, 9
+# Shares of that by which edges are felt beyond their blur, in turn; steps of Gauss and Newton for each and at last.
+_NEARER, _STEPS, _LAST_STEPS = (1.0, 0.5, 0.2, 0.0), 3, 2
 # Side of a cell, px and blurs, below which bits run into each other.
 _LEAST_CELL, _LEAST_BLURS = 3.0, 1.5
 # Share of the contrast that the fit may leave unexplained: more, and something lies over the bits.
@@ -60,36 +60,35 @@ def tone_from_tags(grey: Picture, corners: Floats, blur: Floats, bits: Floats, t
     best = usable[np.argsort(cell[usable] / blur[usable])[-_TAGS:]]
     corners, blur, cell, bits = corners[best], blur[best], cell[best], bits[best]
     warp = np.minimum(_WARP * cells * cell, _WARP_OF_100 * (cells * cell / 100) ** 2)
-    reach = np.minimum((3 * blur + _BESIDE + warp) / cell, 0.5)
-    grid = np.stack([_beside_bits(one, far) for one, far in zip(bits, reach, strict=True)])
-    seen = _inside(grey, corners, grid, cells)
-    # Every pixel is one measurement, however often a small tag's is met.
     edges = np.count_nonzero(np.diff(bits, axis=1), axis=(1, 2)) + np.count_nonzero(
         np.diff(bits, axis=2), axis=(1, 2)
     )
-    once = np.minimum(1.0, edges * 2 * reach * cell**2 / _PLACES)
-    fit = _Fit(seen, _mixed_differences(bits), once[:, None].astype(np.float32), np.log(np.hypot(blur, 12**-0.5)))
     parameters = np.zeros((len(best), 19))  # dark and its slopes, contrast and its, warp along u and v, log blur
-    parameters[:, 18] = np.log(np.maximum(np.exp(fit.log_blur), warp))
-    for _ in range(_STEPS_WARPED if (warp > blur).any() else 0):
-        parameters = fit.step(parameters, tone)[0]
-    for _ in range(_STEPS):
-        parameters, tone = fit.step(parameters, tone)
+    for share in _NEARER if (warp > blur).any() else _NEARER[-1:]:
+        reach = np.minimum((3 * blur + _BESIDE + share * warp) / cell, 0.5)
+        grid = np.stack([_beside_bits(one, far) for one, far in zip(bits, reach, strict=True)])
+        seen = _inside(grey, corners, grid, parameters[:, 6:18], cells)
+        # Every pixel is one measurement, however often a small tag's is met.
+        once = np.minimum(1.0, edges * 2 * reach * cell**2 / _PLACES)
+        parameters[:, 18] = np.log(np.maximum(blur, share * warp / 2))
+        fit = _Fit(seen, _mixed_differences(bits), once[:, None].astype(np.float32), parameters[:, 18].copy())
+        for _ in range(_STEPS if share > 0 else _LAST_STEPS):
+            parameters, tone = fit.step(parameters, tone, close=share == 0)
     return tone
 
 
 @dataclass(frozen=True, eq=False)
 class _Fit:
     """What the steps share: the pixels, the bits' mixed differences (N, G, G), what a pixel counts for (N, 1),
-    and the logarithm of the outlines' blur (N,), px."""
+    and the logarithm of the blur (N,) they begin with, px."""
 
     seen: _Inside
     corner_of: Singles
     once: Singles
     log_blur: Floats
 
-    def step(self, parameters: Floats, tone: Tone) -> tuple[Floats, Tone]:
-        """Parameters (N, 19) after a step of Gauss and Newton, and the tone after what they tell of it."""
+    def step(self, parameters: Floats, tone: Tone, close: bool) -> tuple[Floats, Tone]:
+        """Parameters (N, 19) after a step of Gauss and Newton; where close, the tone after what they tell of it."""
         light = tone.table()[self.seen.levels]
         if not parameters[:, 3].any():
             parameters[:, 0], parameters[:, 3] = np.percentile(light, 10, axis=1), np.ptp(light, axis=1)
@@ -105,7 +104,10 @@ class _Fit:
         pull[:, 18] += self.log_blur
         step, inverse = damped_step(jacobian, residual, weight, prior, pull)
         evidence = gamma_evidence(model, residual, jacobian, weight, inverse)
-        told = _told(tone, evidence, np.sqrt(variance.mean(axis=1)) < _UNEXPLAINED * contrast)
+        told = tone if not close else _told(tone, evidence, np.sqrt(variance.mean(axis=1)) < _UNEXPLAINED * contrast)
+        if not close:
+            # Edges are felt from afar as soft as they were taken to be.
+            step[:, 18] = 0
         parameters = parameters + step
         follow = evidence.follow * np.log(told.gamma / tone.gamma)
         return _read_anew(parameters, follow, tone, told), told
@@ -143,41 +145,51 @@ def _read_anew(parameters: Floats, follow: Floats, tone: Tone, told: Tone) -> Fl
     return parameters
 
 
-def _inside(grey: Picture, corners: Floats, grid: Floats, cells: int) -> _Inside:
+def _inside(grey: Picture, corners: Floats, grid: Floats, warp: Floats, cells: int) -> _Inside:
     unit = np.array([[-1.0, -1], [1, -1], [1, 1], [-1, 1]])
     image_from_unit = local_homographies(np.broadcast_to(unit, corners.shape), corners)
-    whole = np.rint(mapped(image_from_unit, 2 * grid / cells - 1)).astype(int)
+    around = np.swapaxes(2 * grid / cells - 1, 1, 2)
+    shift = np.stack(
+        [np.sum(part[..., None] * _powers(around), axis=1) for part in np.split(warp, 2, axis=1)], axis=1
+    )
+    whole = np.rint(mapped(image_from_unit, np.swapaxes(around - 2 / cells * shift, 1, 2))).astype(int)
     unit_from_image = np.linalg.inv(image_from_unit).astype(float)
     places = mapped(unit_from_image, whole)
     g = unit_from_image[:, None]
     depth = whole[..., 0] * g[..., 2, 0] + whole[..., 1] * g[..., 2, 1] + g[..., 2, 2]
     gradient = (g[..., :2, :2] - places[..., None] * g[..., 2:, :2]) / depth[..., None, None]
-    x, y = places[..., 0], places[..., 1]
-    one = np.ones_like(x)
+    unit_places = np.swapaxes(places, 1, 2).astype(np.float32)
+    height, width = grey.shape
+    powers = _powers(unit_places)
     return _Inside(
-        grey[whole[..., 1], whole[..., 0]],
-        (np.stack([x, y], axis=1) + 1).astype(np.float32) * np.float32(cells / 2),
+        grey[np.clip(whole[..., 1], 0, height - 1), np.clip(whole[..., 0], 0, width - 1)],
+        (unit_places + 1) * np.float32(cells / 2),
         np.swapaxes(np.linalg.norm(gradient, axis=-1), 1, 2).astype(np.float32) * np.float32(cells / 2),
-        np.stack([one, x, y], axis=1).astype(np.float32),
-        np.stack([one, x, y, x * x, x * y, y * y], axis=1).astype(np.float32),
+        powers[:, :3],
+        powers,
     )
+
+
+def _powers(places: Reals) -> Reals:
+    """1, x, y, x^2, x y, y^2 (N, 6, M) of places (N, 2, M)."""
+    x, y = places[:, 0], places[:, 1]
+    return np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=1)
 
 
 def _model(parameters: Floats, seen: _Inside, corner_of: Singles) -> tuple[Singles, Singles]:
     """Light (N, M) of blurred bits and its derivatives (N, 19, M). corner_of (N, G, G): mixed differences of the bits
     at the lines between cells, along v and u; the bits are the sum of so many products of a step along either."""
     columns: Singles = parameters.astype(np.float32)[..., None]
-    dark, contrast, blur = columns[:, :3], columns[:, 3:6], np.exp(columns[:, 18])
+    dark, contrast, blur = columns[:, :3], columns[:, 3:6], np.exp(columns[:, 18:])
     lines = np.arange(corner_of.shape[1], dtype=np.float32)
     steps, slopes, widenings = [], [], []
     for axis, warp in enumerate((columns[:, 6:12], columns[:, 12:18])):
-        wide = (blur * seen.scale[:, axis])[..., None]
+        scale = seen.scale[:, axis, :, None]
         place = seen.place[:, axis] + np.sum(warp * seen.warp, axis=1)
-        scaled = (place[..., None] - lines) / wide
-        step, slope = standard_normal(scaled)
+        step, slope, widen = soft_step((place[..., None] - lines) / scale, blur)
         steps.append(step)
-        slopes.append(slope / wide)
-        widenings.append(-scaled * slope)
+        slopes.append(slope / scale)
+        widenings.append(widen * blur)
     across = steps[1] @ corner_of, steps[0] @ np.swapaxes(corner_of, 1, 2)
     white = 1 + np.sum(steps[0] * across[0], axis=-1)
     by_u, by_v = (np.sum(slope * other, axis=-1) for slope, other in zip(slopes, across, strict=True))
