@@ -28,7 +28,7 @@ USUAL_CENTRE_SIGMA = 0.02
 _DECENTRING = 1e-3
 # What k1 may be where nobody says and few points cannot show it: that of phones and plain webcams.
 USUAL_DISTORTION_SIGMA = 0.05
-# Fewer points than this leave nothing to tell distortion from a wrong corner.
+# Fewer points than this cannot distinguish distortion from a wrong corner.
 _POINTS_FOR_DISTORTION = 12
 # A distortion coefficient is kept where it lowers the sum of squares by this many variances: far beyond chance (9 is
 # three sigma), as each costs the focal some certainty.
@@ -319,7 +319,7 @@ def _notes(
     notes = []
     for view, reading in zip(views, readings, strict=True):
         if reading:
-            notes.append(f"{view.rectangle!r} was read turned: reading {reading + 1} of its corners fits best")
+            notes.append(f"{view.rectangle!r} was read rotated: reading {reading + 1} of its corners fits best")
     if fit.dof > 0 and fit.chi2 > _MISFIT * fit.dof:
         notes.append(
             f"the points miss a rectangle of this size by {np.sqrt(fit.chi2 / fit.dof):.1f} times their noise: "

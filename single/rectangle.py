@@ -82,7 +82,7 @@ class Marking:
 
     @property
     def marks(self) -> frozenset[Hashable]:
-        """What a picture can show of it; two markings that share one of these cannot be told apart."""
+        """What a picture can show of it; two markings that share one of these look alike."""
         return frozenset() if self.tags is None else frozenset((self.tags.family, tag) for tag in self.tags.ids)
 
     def scaled(self, _scale: float, /) -> Self:

@@ -14,8 +14,8 @@ class View:
     """One rectangle in one image: points of the rectangle and where they were seen.
 
     points (P, 3) metres in the rectangle's frame, pixels (P, 2) in the same order.
-    alternatives: other readings of the same pixels, each (P, 3): where the marking looks the same after a turn
-    (a chessboard turned by 180 degrees, a blank sheet) the pixels stay and the points change places.
+    alternatives: other readings of the same pixels, each (P, 3): where the marking looks the same after a rotation
+    (a chessboard rotated by 180 degrees, a blank sheet) the pixels stay and the points change places.
     frameset: index of the instant; sigma: standard deviation of a pixel coordinate, px; nan where it is not known.
     time: when the image was taken by its camera's clock, s; nan where unknown.
     common (P, 2): px by which one standard deviation of an error that all pixels share moves each of them (a camera's

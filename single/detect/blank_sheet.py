@@ -85,9 +85,9 @@ def _fit(grey: Picture, quad: Floats) -> FoundSheet | None:
         reach = min(max(wide, 3 * blur), 0.2 * span)
         outline = fit_outline(LightImage(grey, tone), corners, np.full((1, 4), reach))
         blur = float(np.median(outline.fit.blur))
-        told = tone.told(outline.pull[0], outline.weight[0])
-        corners = outline.corners + outline.by_gamma * np.log(told.gamma / tone.gamma)
-        tone = told
+        better = tone.updated(outline.pull[0], outline.weight[0])
+        corners = outline.corners + outline.by_gamma * np.log(better.gamma / tone.gamma)
+        tone = better
         if not np.isfinite(corners).all() or np.abs(corners[0] - quad).max() > 0.1 * span + 4:
             return None
     if (corners < 3).any() or (corners > np.array(grey.shape[::-1]) - 4).any():

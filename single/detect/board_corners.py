@@ -47,8 +47,8 @@ def alike_corners(fit: CornerFit) -> Mask:
 
 
 def better_tone(fit: CornerFit, sure: Mask) -> Tone | None:
-    """The tone that corners fitted in the usual one tell, those that are sure; None where the usual one will do."""
-    tone = USUAL_TONE.told(float(fit.pull[sure].sum()), float(fit.weight[sure].sum()))
+    """The tone by the corners that are sure, fitted in the usual one; None where the usual one will do."""
+    tone = USUAL_TONE.updated(float(fit.pull[sure].sum()), float(fit.weight[sure].sum()))
     return tone if abs(np.log(tone.gamma / USUAL_TONE.gamma)) > _TONE_MATTERS else None
 
 

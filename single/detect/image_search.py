@@ -17,12 +17,12 @@ def detect_views(
 
     image: uint8, (h, w) grey or (h, w, 3) blue green red. A tag gives its four corners in Eq. 4's order, a
     ChArUco board those inner corners that are in sight, a chessboard all of its inner corners, a blank sheet its
-    four corners. Readings that the picture cannot tell apart are in View.alternatives. Camera and frameset are the
+    four corners. Readings that the picture cannot distinguish are in View.alternatives. Camera and frameset are the
     caller's to fill in. Rectangles whose corners are given by hand are not looked for.
     near: what was found in the same camera's picture before ([] where nothing was). Rectangles are then looked for
     first where they were, and the whole picture is searched once, quickly, for those that are not there: three to
     five times faster, and all but the faintest are found. Search without it now and then.
-    Raises QuadrigError where the rectangles cannot be told apart.
+    Raises QuadrigError where two of the rectangles look alike.
     """
     check_rectangles(rectangles)
     grey = grey_image(image)
@@ -62,7 +62,7 @@ def _by_kind(members: Sequence[Rectangle]) -> dict[type[Marking], list[Rectangle
 
 
 def check_rectangles(rectangles: Sequence[Rectangle]) -> None:
-    """Raises QuadrigError where two rectangles cannot be told apart in a picture."""
+    """Raises QuadrigError where two rectangles look alike in a picture."""
     owners: dict[Hashable, str] = {}
     for rectangle in rectangles:
         for mark in rectangle.marking.marks:

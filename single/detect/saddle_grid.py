@@ -1,7 +1,7 @@
 """The grid of a chessboard's inner corners, grown from the saddles of the grey values.
 
 At an inner corner the grey values form a saddle, and on a small circle around it they go bright, dark, bright, dark.
-Neighbours in the grid have bright and dark exchanged, which tells them from diagonal ones.
+Neighbours in the grid have bright and dark exchanged, which distinguishes them from diagonal ones.
 """
 
 from dataclasses import dataclass

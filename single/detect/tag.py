@@ -41,13 +41,13 @@ _FIT_SIDE = 80.0
 _WIDE, _CLOSE = 8.0, 4.0
 # px: a tag that moved less since the picture before, and blurs less, is where one close fit says.
 _STILL, _SHARP = 1.0, 0.8
-# Blur (px) beyond which an image of twice the size tells no more of an edge.
+# Blur (px) beyond which an image of twice the size shows no more of an edge.
 _SOFT = 1.5
 # px that the model of a straight blurred edge is wrong by on real lenses, added to what noise explains.
 _MODEL_SIGMA = 0.01
 
 
-# Perimeter (px) of the smallest tag looked for: smaller ones cannot be told from texture. In pictures wider than
+# Perimeter (px) of the smallest tag looked for: smaller ones look like texture. In pictures wider than
 # 1280 it grows with them, for the number of outlines to be looked at does.
 _LEAST_PERIMETER, _LEAST_PERIMETER_RATE = 38.4, 0.03
 

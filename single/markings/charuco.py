@@ -18,7 +18,7 @@ from quadrig.single.patch import INK, PAPER, Patch
 from quadrig.single.rectangle import FoundTags, Rectangle, TagFamily, Tags, rectangle_corners
 from quadrig.single.view import View
 
-# Fewest tags of a board by which it is told from somebody else's.
+# Fewest tags of a board that distinguish it from somebody else's.
 _LEAST_TAGS = 2
 
 

@@ -55,7 +55,7 @@ class TagMarking(Marking):
 
     @classmethod
     def find_all(cls, grey: Picture, members: Sequence[Rectangle], found: FoundTags, /) -> list[View]:
-        # A tag that is seen twice in one picture is not used: nobody can tell which of the two is meant.
+        # A tag that is seen twice in one picture is not used: which of the two is meant is unknown.
         seen = {r.name: quads[0] for r in members if len(quads := found.get(_tag_of(r)[1], [])) == 1}
         return _fitted(grey, [r for r in members if r.name in seen], seen, followed=False)
 

@@ -35,7 +35,7 @@ REASON_WORDS = {
     Reason.CROSSING: "the sides cross each other; give the corners in turn around the rectangle",
     Reason.NOT_CONVEX: "one corner lies inside the triangle of the others; no picture of a rectangle looks so",
     Reason.REVERSED: "the corners turn the wrong way; give them as bottom right, bottom left, top left, top right",
-    Reason.FOCAL_UNKNOWABLE: "this view cannot tell focal from distance; tilt the sheet more, or give the focal",
+    Reason.FOCAL_UNKNOWABLE: "focal length and distance cannot be separated; tilt the sheet more, or give the focal",
     Reason.NO_CONVERGENCE: "no camera fits these points; check that they belong to this rectangle",
 }
 """What each reason means and what to do, for people."""

@@ -85,7 +85,7 @@ def percent(share: float) -> str:
 
 
 def _tilted(camera_from_rect: Pose, tilt: float) -> Pose:
-    """The sheet at the same place, tilted further the way it leans."""
+    """The sheet at the same position, tilted further the way it leans."""
     sight = camera_from_rect.translation / np.linalg.norm(camera_from_rect.translation)
     normal = camera_from_rect.rotation[:, 2]
     axis = np.cross(sight, normal)
@@ -93,8 +93,8 @@ def _tilted(camera_from_rect: Pose, tilt: float) -> Pose:
     # A sheet that faces the camera leans no way: take the picture's vertical.
     axis = axis / size if size > 1e-6 else np.cross(sight, [0.0, 1.0, 0.0])
     axis = axis / np.linalg.norm(axis)
-    turn = tilt - float(view_tilt(camera_from_rect))
-    return Pose(rotation_from_vector(axis * turn) @ camera_from_rect.rotation, camera_from_rect.translation)
+    angle = tilt - float(view_tilt(camera_from_rect))
+    return Pose(rotation_from_vector(axis * angle) @ camera_from_rect.rotation, camera_from_rect.translation)
 
 
 def _room(points: Floats, focal: float, camera_from_rect: Pose, image_size: tuple[int, int]) -> float:

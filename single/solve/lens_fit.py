@@ -132,11 +132,11 @@ def _problem(
 def _linearised(problem: _LensViews, lens: Floats, poses: Pose) -> tuple[Floats, Floats, Floats]:
     """Residuals (V, P, 2), derivatives of the pixels by the free lens parameters (V, P, 2, n) and by the pose steps
     (V, P, 2, 6), all over sigma; zero where unseen."""
-    turned = problem.points @ np.swapaxes(poses.rotation, -1, -2)
+    rotated = problem.points @ np.swapaxes(poses.rotation, -1, -2)
     seen, by_lens, by_point = project_with_derivatives(
-        lens, turned + poses.translation[:, None], problem.intrinsics.model
+        lens, rotated + poses.translation[:, None], problem.intrinsics.model
     )
-    by_pose = np.concatenate([-by_point @ cross_matrix(turned), by_point], axis=-1)
+    by_pose = np.concatenate([-by_point @ cross_matrix(rotated), by_point], axis=-1)
     scale = 1 / problem.sigma[:, None, None]
     unseen = ~problem.seen
     residuals = (problem.pixels - seen) * scale

@@ -231,7 +231,7 @@ class _Task:
 
     @property
     def reach(self) -> Floats:
-        """Half the width of the picture (N), as far as the principal point and the corners tell it."""
+        """Half the width of the picture (N), estimated from the principal point and the corners."""
         return np.maximum(self.centre.max(axis=-1), np.abs(self.corners - self.centre[:, None]).max(axis=(-1, -2)))
 
 

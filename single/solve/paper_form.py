@@ -5,8 +5,8 @@ corners:
 - Eq. 37: T_Z = [H1 f cos(tz) + (K7 - l1) tan(ty) - (K5 - l2) sin(tx)] / [-K6 tan(ty) + K4 sin(tx) - cos(tx)];
 - Eq. 36 gives only the size of theta_x: its sign is that of K3 tan(theta_y);
 - Eq. 49 leaves theta_z open by 180 degrees: all corners lie in front of the camera;
-- theta_z = 0 and 90 degrees, and corners on the principal point's row, divide by zero: the image is turned about
-  the principal point, which changes theta_z by the same angle and nothing else, solved, and turned back.
+- theta_z = 0 and 90 degrees, and corners on the principal point's row, divide by zero: the image is rotated about
+  the principal point, which changes theta_z by the same angle and nothing else, solved, and rotated back.
 What stays singular is the paper's one constraint: where theta_x or theta_y is 0 its focal is 0/0.
 """
 
@@ -20,7 +20,7 @@ from quadrig.single.rectangle import rectangle_corners
 from quadrig.single.rotation import rotation_from_angles
 from quadrig.single.solve.corners import check_shape
 
-# The theta_z that images are turned to, radians: near 45 degrees, where tan and cot are both about one; the others
+# The theta_z that images are rotated to, radians: near 45 degrees, where tan and cot are both about one; the others
 # serve where one of them puts a corner on the principal point's row.
 _TARGETS = np.radians([45.0, 38.0, 52.0, 33.0, 57.0])
 
@@ -53,8 +53,8 @@ def paper_form(
     l1, l2 = np.asarray(width, float) / 2, np.asarray(height, float) / 2
     with np.errstate(all="ignore"):
         theta_z = _theta_z(corners)
-        turned, angle = _turned(corners, theta_z)
-        answers = [_solve(turned, l1, l2, theta_z + angle + half) for half in (0.0, np.pi)]
+        rotated, angle = _rotated(corners, theta_z)
+        answers = [_solve(rotated, l1, l2, theta_z + angle + half) for half in (0.0, np.pi)]
         in_front = [(_depths(answer, l1, l2) > 0).sum(axis=-1) for answer in answers]
         second = in_front[1] > in_front[0]
         focal, tx, ty, tz, T = (
@@ -75,12 +75,12 @@ def _theta_z(corners: Floats) -> Floats:
     return np.arctan2(m3, m4)
 
 
-def _turned(corners: Floats, theta_z: Floats) -> tuple[Floats, Floats]:
-    """The corners turned about the principal point so that theta_z is near 45 degrees, and the angle added to it."""
+def _rotated(corners: Floats, theta_z: Floats) -> tuple[Floats, Floats]:
+    """The corners rotated about the principal point so that theta_z is near 45 degrees, and the angle added to it."""
     angles = _TARGETS - theta_z[..., None]
     cosine, sine = np.cos(angles)[..., None], np.sin(angles)[..., None]
     x, y = corners[..., None, :, 0], corners[..., None, :, 1]
-    # P_cam = Rz^T ...: a larger theta_z turns the image the other way.
+    # P_cam = Rz^T ...: a larger theta_z rotates the image the other way.
     candidates = np.stack([cosine * x + sine * y, cosine * y - sine * x], axis=-1)
     size = np.abs(candidates)
     clearance = np.minimum(size[..., 0], size[..., 1]).min(axis=-1)

@@ -52,10 +52,10 @@ class PinholeViews:
 
 @dataclass(frozen=True, eq=False)
 class Projection:
-    """What a state shows: points turned into the camera's axes (3, P, B), residuals over sigma (2, P, B), pixels from
+    """What a state shows: points rotated to the camera's axes (3, P, B), residuals over sigma (2, P, B), pixels from
     the principal point (2, P, B), 1 / (1 + kappa c) (P, B) and chi2 (B)."""
 
-    turned: Floats
+    rotated: Floats
     residuals: Floats
     seen: Floats
     shrink: Floats
@@ -89,12 +89,12 @@ def projection_of(problem: PinholeViews, state: Floats) -> Projection:
     """Unseen points (nan) have no residual; the prior of the principal point counts in chi2."""
     x, y = problem.plane[:, 0], problem.plane[:, 1]
     u0, v0, s, kappa, cx, cy = state[:6]
-    turned = np.empty((3, len(x), state.shape[1]))
+    rotated = np.empty((3, len(x), state.shape[1]))
     for row in range(3):
-        turned[row] = state[6 + row] * x + state[9 + row] * y
-    shrink = 1 / (1 + kappa * turned[2])
+        rotated[row] = state[6 + row] * x + state[9 + row] * y
+    shrink = 1 / (1 + kappa * rotated[2])
     seen = np.empty((2, *shrink.shape))
-    seen[0], seen[1] = (u0 + s * turned[0]) * shrink, (v0 + s * turned[1]) * shrink
+    seen[0], seen[1] = (u0 + s * rotated[0]) * shrink, (v0 + s * rotated[1]) * shrink
     residuals = np.empty_like(seen)
     residuals[0] = problem.pixels[:, 0] - cx - seen[0]
     residuals[1] = problem.pixels[:, 1] - cy - seen[1]
@@ -108,13 +108,13 @@ def projection_of(problem: PinholeViews, state: Floats) -> Projection:
         chi2 = chi2 + (offset * offset).sum(axis=0)
     if problem.photographed:
         chi2 = np.where((shrink.min(axis=0) > 0) & (s > 0), chi2, np.inf)
-    return Projection(turned, residuals, seen, shrink, chi2)
+    return Projection(rotated, residuals, seen, shrink, chi2)
 
 
 def derivatives(problem: PinholeViews, state: Floats, projection: Projection) -> Floats:
     """J (n, 2P, B) over sigma of the pixels by u0, v0, s and kappa (or kappa alone along s = f kappa), the rotation
     step, and cx, cy where they are free."""
-    a, b, c = projection.turned
+    a, b, c = projection.rotated
     s, kappa = state[2], state[3]
     (u, v), w = projection.seen, projection.shrink
     inverse_noise = 1 / problem.noise
@@ -173,26 +173,26 @@ def moved(problem: PinholeViews, state: Floats, step: Floats) -> Floats:
     """The state after a step (n, B)."""
     new = state.copy()
     new[0:2] += step[0:2]
-    turn = 4
+    rotation_row = 4
     if problem.focal is None:
         new[2:4] += step[2:4]
     else:
         new[3] += step[2]
         new[2] = problem.focal * new[3]
-        turn = 3
+        rotation_row = 3
     if problem.centre_sigma > 0:
         new[4:6] += step[-2:]
-    turn_x, turn_y, turn_z = step[turn : turn + 3]
-    square = turn_x * turn_x + turn_y * turn_y + turn_z * turn_z
+    rotation_x, rotation_y, rotation_z = step[rotation_row : rotation_row + 3]
+    square = rotation_x * rotation_x + rotation_y * rotation_y + rotation_z * rotation_z
     # The rotation by the quaternion (w/2, 1), made of unit length: it agrees with exp(w) up to the third power of the
     # step, stays orthonormal, and needs no sine. v + b (w x v + w x (w x v) / 2) with b = 1 / (1 + |w|^2 / 4).
     factor = 1 / (1 + 0.25 * square)
     for column in (6, 9):
         x, y, z = state[column : column + 3]
-        p, q, r = turn_y * z - turn_z * y, turn_z * x - turn_x * z, turn_x * y - turn_y * x
-        new[column] += factor * (p + 0.5 * (turn_y * r - turn_z * q))
-        new[column + 1] += factor * (q + 0.5 * (turn_z * p - turn_x * r))
-        new[column + 2] += factor * (r + 0.5 * (turn_x * q - turn_y * p))
+        p, q, r = rotation_y * z - rotation_z * y, rotation_z * x - rotation_x * z, rotation_x * y - rotation_y * x
+        new[column] += factor * (p + 0.5 * (rotation_y * r - rotation_z * q))
+        new[column + 1] += factor * (q + 0.5 * (rotation_z * p - rotation_x * r))
+        new[column + 2] += factor * (r + 0.5 * (rotation_x * q - rotation_y * p))
     return new
 
 
@@ -219,17 +219,17 @@ def _covariance(problem: PinholeViews, state: Floats) -> Floats:
     size = len(inner)
     u0, v0, s, kappa = state[:4]
     outer = np.zeros((9, size, len(u0)))
-    turn = 4 if problem.focal is None else 3
+    rotation_row = 4 if problem.focal is None else 3
     # t = (u0 / s, v0 / s, 1 / kappa) and f = s / kappa, with s = f kappa where the focal is known.
     outer[6, 0] = outer[7, 1] = 1 / s
-    outer[8, turn - 1] = -1 / kappa**2
+    outer[8, rotation_row - 1] = -1 / kappa**2
     if problem.focal is None:
         outer[0, 2], outer[0, 3] = 1 / kappa, -s / kappa**2
         outer[6, 2], outer[7, 2] = -u0 / s**2, -v0 / s**2
     else:
         outer[6, 2], outer[7, 2] = -u0 / (s * kappa), -v0 / (s * kappa)
-    outer[3, turn] = outer[4, turn + 1] = outer[5, turn + 2] = 1
+    outer[3, rotation_row] = outer[4, rotation_row + 1] = outer[5, rotation_row + 2] = 1
     if problem.centre_sigma > 0:
-        outer[1, turn + 3] = outer[2, turn + 4] = 1
+        outer[1, rotation_row + 3] = outer[2, rotation_row + 4] = 1
     outer, inner = np.moveaxis(outer, -1, 0), np.moveaxis(inner, -1, 0)
     return outer @ inner @ np.swapaxes(outer, -1, -2)

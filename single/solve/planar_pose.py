@@ -33,9 +33,9 @@ def planar_poses(homography: Floats, points: Floats, plane: Floats, weights: Flo
     weights = np.ones(plane.shape[:-1]) if weights is None else np.asarray(weights, float)
     rotations = _rotations(homography)
     points, plane, weights = points[..., None, :, :], plane[..., None, :, :], weights[..., None, :]
-    turned = points @ np.swapaxes(rotations, -1, -2)
-    translations = _translations(turned, plane, weights)
-    located = turned + translations[..., None, :]
+    rotated = points @ np.swapaxes(rotations, -1, -2)
+    translations = _translations(rotated, plane, weights)
+    located = rotated + translations[..., None, :]
     with np.errstate(divide="ignore", invalid="ignore"):
         residual = located[..., :2] / located[..., 2:] - plane
     behind = ((located[..., 2] <= 0) & (weights > 0)).any(axis=-1)
@@ -85,11 +85,11 @@ def _rotation_to(middle: Floats) -> Floats:
     return np.eye(3) + cross + cross @ cross / (1 + ray[..., 2])[..., None, None]
 
 
-def _translations(turned: Floats, plane: Floats, weights: Floats) -> Floats:
+def _translations(rotated: Floats, plane: Floats, weights: Floats) -> Floats:
     """Least-squares translations (..., 3): each point asks that x (Z + tz) = X + tx, and so for y."""
     u, v = plane[..., 0], plane[..., 1]
-    x, y, z = turned[..., 0], turned[..., 1], turned[..., 2]
-    normal = np.zeros((*turned.shape[:-2], 3, 3))
+    x, y, z = rotated[..., 0], rotated[..., 1], rotated[..., 2]
+    normal = np.zeros((*rotated.shape[:-2], 3, 3))
     normal[..., 0, 0] = normal[..., 1, 1] = weights.sum(axis=-1)
     normal[..., 0, 2] = normal[..., 2, 0] = -(weights * u).sum(axis=-1)
     normal[..., 1, 2] = normal[..., 2, 1] = -(weights * v).sum(axis=-1)

@@ -14,7 +14,7 @@ ITERATIONS = 8
 # Blur (px) from which the pixel's square is as good as a little more blur of the same variance (to 0.002 px).
 _PIXEL_IS_SMALL = 0.8
 # Gauss-Newton ends when no place moved by more than this (px): what is then left is less by half or more, a tenth of
-# what the best picture can tell.
+# the sigma of the best picture.
 _SETTLED = 3e-3
 _BLUR_SETTLED = 0.05
 # Grey levels of noise below which residuals are those of the model: rounding to whole levels alone leaves 0.29.

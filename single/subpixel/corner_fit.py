@@ -24,7 +24,7 @@ from quadrig.single.subpixel.tone import LightImage, Tone, gamma_evidence
 @dataclass(frozen=True, eq=False)
 class CornerFit:
     """Board corners: pixels (N, 2), sigma (N,) px a coordinate; noise and contrast (N,) in light, grey_contrast (N,)
-    in grey levels; blur (N,) px; pull, weight (N,): what each tells of the tone, see gamma_evidence."""
+    in grey levels; blur (N,) px; pull, weight (N,): what each says of the tone, see gamma_evidence."""
 
     pixels: Floats
     sigma: Floats

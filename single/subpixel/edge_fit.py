@@ -42,7 +42,7 @@ class EdgeFit:
 
     coefficients (N, 4), covariance (N, 4, 4); noise (N,), dark (N,) of the inner side and contrast (N,) from inside
     to outside in light as the tone reads it; blur (N,) px. by_gamma (N, 4): how the coefficients change with the
-    logarithm of the tone's gamma; pull, weight, pull_excess (N,): what each edge tells of that, see Evidence; excess
+    logarithm of the tone's gamma; pull, weight, pull_excess (N,): what each edge says of that, see Evidence; excess
     (N,): by how much its covariance is too small, see place_excess.
     """
 
@@ -74,7 +74,7 @@ class EdgeFit:
 @dataclass(frozen=True, eq=False)
 class Outline:
     """Quadrilaterals: corners (N, 4, 2) px, sigma (N, 4) px a coordinate, by_gamma (N, 4, 2): how the corners move
-    with the logarithm of the tone's gamma, pull, weight (N,): what they tell of that, see Evidence, fit: of all sides
+    with the logarithm of the tone's gamma, pull, weight (N,): what they say of that, see Evidence, fit: of all sides
     (4 N in order)."""
 
     corners: Floats
@@ -100,7 +100,7 @@ def fit_edges(
     inside (N, 2): a point on the darker or lighter inner side, which gives the normal its sense (it points away).
     reach (N,): px to either side that belong to this edge alone. margin (N,): px at both ends to leave out.
     bow (N,): px by which the edge is known to bulge inwards between its ends (c2); straight where None.
-    most: lines of pixels across an edge that are looked at; more tell little more of a straight edge.
+    most: lines of pixels across an edge that are looked at; more show little more of a straight edge.
     """
     along = end - start
     length = np.linalg.norm(along, axis=1)
@@ -169,7 +169,7 @@ def _edge_iterations(
     noise = np.full(count, 4.0)
     bow = _BOW * (bands.length / 100) ** 2
     inverse = np.zeros((count, 9, 9))
-    by_gamma, told = np.zeros((count, 9)), np.zeros((4, count))
+    by_gamma, said = np.zeros((count, 9)), np.zeros((4, count))
     active = np.arange(count)
     for iteration in range(ITERATIONS):
         now, w = parameters[active], weight[active]
@@ -197,7 +197,7 @@ def _edge_iterations(
         jacobian, residual, w = jacobian[rest], residual[rest], w[rest]
         evidence = gamma_evidence(model[rest], residual, jacobian, w, inverse[done])
         by_gamma[done], excess = evidence.follow, place_excess(jacobian, w * residual, inverse[done], _PLACE)
-        told[:, done] = evidence.pull, evidence.weight, evidence.excess, excess
+        said[:, done] = evidence.pull, evidence.weight, evidence.excess, excess
         if not len(active):
             break
     dark, contrast, blur = parameters[:, 0], parameters[:, 2], np.exp(parameters[:, 4])
@@ -209,10 +209,10 @@ def _edge_iterations(
         contrast,
         blur,
         by_gamma[:, _PLACE],
-        told[0],
-        told[1],
-        told[2],
-        told[3],
+        said[0],
+        said[1],
+        said[2],
+        said[3],
         tone,
     )
 

@@ -210,4 +210,4 @@ def _told(tone: Tone, evidence: Evidence, explained: Mask) -> Tone:
     """The tone after the evidence of the tags that are what they are taken for; all share the same wrong model."""
     pull, weight = float(evidence.pull[explained].sum()), float(evidence.weight[explained].sum())
     shared = 1 / (1 + weight * _MODEL_SIGMA**2)
-    return tone.told(shared * pull, shared * weight)
+    return tone.updated(shared * pull, shared * weight)

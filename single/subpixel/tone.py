@@ -45,7 +45,7 @@ class Tone:
         light = np.maximum(light, _LEAST_LIGHT)
         return self.gamma * light / self.grey(light)
 
-    def told(self, pull: float, weight: float) -> "Tone":
+    def updated(self, pull: float, weight: float) -> "Tone":
         """The tone after evidence: slope and curvature of a log likelihood of log gamma, here.
 
         The prior is the usual tone, however often evidence is weighed anew.
@@ -74,7 +74,7 @@ class LightImage:
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """What fits tell of a tone: pull, weight (N,), slope and curvature of the log likelihood of log gamma where all
+    """What fits say of a tone: pull, weight (N,), slope and curvature of the log likelihood of log gamma where all
     else follows it; excess (N,): variance of the pull over that of independent pixels; follow (N, K): how the fitted
     parameters change with log gamma."""
 

@@ -117,7 +117,7 @@ def test_a_weak_view_says_so_in_words_with_figures():
     blind = calibrate_view(flat, SIZE, principal_point=MIDDLE)
     assert blind.reason == Reason.FOCAL_UNKNOWABLE
     assert blind.focal_interval[1] == np.inf
-    assert any("cannot tell focal from distance" in note for note in blind.notes)
+    assert any("focal length and distance cannot be separated" in note for note in blind.notes)
 
 
 def test_a_good_view_needs_no_advice():
@@ -136,7 +136,7 @@ def test_the_reading_that_fits_is_taken():
     )
     assert found.readings == (1,)
     assert abs(found.intrinsics.focal - 1400) < 4 * found.focal_sigma
-    assert any("read turned" in note for note in found.notes)
+    assert any("read rotated" in note for note in found.notes)
 
 
 def test_a_rectangle_of_the_wrong_size_is_said_to_miss():
@@ -204,7 +204,7 @@ def microsoft_views(folder):
 
 
 def test_thirteen_real_views_each_alone_are_as_far_off_as_their_sigmas_say(shared_data):
-    """OpenCV's left camera, published at 535.9 px; the principal point (23 px from the middle) is not told."""
+    """OpenCV's left camera, published at 535.9 px; the principal point (23 px from the middle) is not given."""
     board = Rectangle("board", 0.25, 0.175, ChessboardMarking(10, 7, 0.025))
     scores, errors = [], []
     for path in sorted((shared_data / "stereo").glob("left*.jpg")):

@@ -70,7 +70,7 @@ def test_the_papers_angles_come_back_and_follow_equation_2():
     x, y, z = rng.uniform(-np.pi, np.pi, 100), rng.uniform(-1.57, 1.57, 100), rng.uniform(-np.pi, np.pi, 100)
     rotation = rotation_from_angles(x, y, z)
     for got, put in zip(angles_from_rotation(rotation), (x, y, z), strict=True):
-        # Near the pole of theta_y the others are told by numbers of size cos(theta_y).
+        # Near the pole of theta_y the others are determined by numbers of size cos(theta_y).
         np.testing.assert_allclose(got, put, atol=1e-11)
     about_x = cv2.Rodrigues(np.array([x[0], 0, 0]))[0]
     about_y = cv2.Rodrigues(np.array([0, y[0], 0]))[0]

@@ -1,4 +1,4 @@
-"""The closed forms give back exact corners, whatever the attitude, and say what they cannot tell."""
+"""The closed forms give back exact corners, whatever the attitude, and say what is not observable."""
 
 import numpy as np
 import pytest
@@ -168,8 +168,8 @@ def test_fronto_parallel_is_unknowable_but_has_a_pose_for_a_given_focal():
     corners = project(rectangle_corners(0.297, 0.21), np.full(4, 1400.0), pose)
     blind = closed_form(corners, 0.297, 0.21, CENTRE)
     assert (blind.reason == Reason.FOCAL_UNKNOWABLE).all()
-    told = closed_form(corners, 0.297, 0.21, CENTRE, focal=1400.0)
-    assert relative_pose_error(told.camera_from_rect, pose).max() < 1e-9
+    given = closed_form(corners, 0.297, 0.21, CENTRE, focal=1400.0)
+    assert relative_pose_error(given.camera_from_rect, pose).max() < 1e-9
 
 
 def test_sigma_of_the_focal_is_what_noise_does():

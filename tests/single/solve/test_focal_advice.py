@@ -39,7 +39,7 @@ def scatter(pose, centre_sigma=0.0):
 
 
 def known(pose, centre_sigma=0.0):
-    """The share that a calibration tells of such a sheet, as the sigma of its focal."""
+    """The sigma of the focal of such a sheet as a calibration states it, a share of the focal."""
     return solved(pose, np.zeros(1), centre_sigma).focal_sigma[0] / FOCAL
 
 

@@ -94,9 +94,9 @@ def test_errors_reach_the_bound(grid, count):
     rng = np.random.default_rng(11)
     views = views_in_sight(rng, count, grid=grid)
     bound = sigmas_of(cramer_rao(views.points, views.focal, views.pose, CENTRE, NOISE))
-    told = np.flatnonzero(bound[:, 0] < 0.05 * views.focal)
-    assert len(told) > 0.4 * count
-    views, bound = views.take(told), bound[told]
+    observable = np.flatnonzero(bound[:, 0] < 0.05 * views.focal)
+    assert len(observable) > 0.4 * count
+    views, bound = views.take(observable), bound[observable]
     ratio = np.abs(errors_of(solve(views, rng), views)) / bound / MEAN_ABSOLUTE
     assert ratio.mean(axis=0).max() < 1.05
     # No estimator without bias does better: below this the bound itself would be wrong.
@@ -215,8 +215,8 @@ def test_a_known_focal_is_kept_and_helps():
     assert (given.focal_sigma == 0).all()
     assert (given.dof == free.dof + 1).all()
     # Conditioning never adds to a variance (taken at two estimates, hence the tolerance).
-    told = free.reason == Reason.OK
-    assert np.median(sigmas_of(given.covariance)[told, 6] / sigmas_of(free.covariance)[told, 6]) < 0.5
+    observable = free.reason == Reason.OK
+    assert np.median(sigmas_of(given.covariance)[observable, 6] / sigmas_of(free.covariance)[observable, 6]) < 0.5
 
 
 def test_fronto_parallel_is_unknowable_with_an_interval_and_a_pose_for_a_given_focal():
@@ -231,9 +231,9 @@ def test_fronto_parallel_is_unknowable_with_an_interval_and_a_pose_for_a_given_f
     # Without perspective, any lens shows the same from some distance.
     assert ((low >= 0) & (low < 1)).all()
     assert np.isposinf(high).all()
-    told = solve_rectangles(corners, 0.297, 0.21, CENTRE, focal=1400.0, sigma=NOISE)
-    assert (told.reason == Reason.OK).all()
-    assert np.abs(pose.step_to(told.camera_from_rect)).max() < 1e-6
+    given = solve_rectangles(corners, 0.297, 0.21, CENTRE, focal=1400.0, sigma=NOISE)
+    assert (given.reason == Reason.OK).all()
+    assert np.abs(pose.step_to(given.camera_from_rect)).max() < 1e-6
 
 
 def test_bad_members_are_nan_with_a_reason_and_the_others_are_untouched():

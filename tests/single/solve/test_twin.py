@@ -34,13 +34,13 @@ def test_both_tilts_are_found_and_preferred_as_often_as_claimed():
     from_mirror = [
         np.linalg.norm(mirrored(truth).step_to(twins.camera_from_rect[:, k])[:, :3], axis=-1) for k in (0, 1)
     ]
-    told = twins.exists
+    exists = twins.exists
     first = from_truth[0] < from_truth[1]
     # The pair is the truth and its mirror image, to within what noise and the little perspective do (8 degrees).
     near = np.where(first, np.maximum(from_truth[0], from_mirror[1]), np.maximum(from_truth[1], from_mirror[0]))
-    assert np.median(near[told]) < np.radians(8)
+    assert np.median(near[exists]) < np.radians(8)
     # Claimed certainty against how often it was right: 1500 draws know a share to 1.3 %; four of those.
-    assert first[told].mean() == pytest.approx(twins.certainty[told].mean(), abs=0.05)
+    assert first[exists].mean() == pytest.approx(twins.certainty[exists].mean(), abs=0.05)
 
 
 def test_mirroring_twice_is_the_pose_itself():
