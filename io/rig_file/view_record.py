@@ -7,7 +7,7 @@ from quadrig.single.view import View
 
 
 class ViewRecord(msgspec.Struct, kw_only=True):
-    """A View: points (P, 3) m, pixels (P, 2), alternatives each (P, 3), sigma px, time s.
+    """A View: points (P, 3) m, pixels (P, 2), alternatives each (P, 3), sigma px, time s, common (P, 2) px.
 
     camera and frameset have defaults, for detections are kept by image and grouped into framesets later.
     """
@@ -18,8 +18,9 @@ class ViewRecord(msgspec.Struct, kw_only=True):
     points: list[list[Number]]
     pixels: list[list[Number]]
     alternatives: list[list[list[Number]]]
-    sigma: float
+    sigma: Number
     time: Number = None
+    common: list[list[Number]] | None = None
 
 
 def view_record(view: View) -> ViewRecord:
@@ -31,8 +32,9 @@ def view_record(view: View) -> ViewRecord:
         points=numbers(view.points),
         pixels=numbers(view.pixels),
         alternatives=[numbers(points) for points in view.alternatives],
-        sigma=float(view.sigma),
+        sigma=number(view.sigma),
         time=number(view.time),
+        common=None if view.common is None else numbers(view.common),
     )
 
 
@@ -45,6 +47,7 @@ def recorded_view(held: ViewRecord) -> View:
         camera=held.camera,
         frameset=held.frameset,
         alternatives=tuple(read_numbers(points).reshape(-1, 3) for points in held.alternatives),
-        sigma=held.sigma,
+        sigma=read_number(held.sigma),
         time=read_number(held.time),
+        common=None if held.common is None else read_numbers(held.common).reshape(-1, 2),
     )

@@ -23,7 +23,7 @@ from quadrig.single.rectangle import Rectangle
 from quadrig.single.view import View
 
 DETECTIONS_TOPIC = "/quadrig/detections"
-FORMAT = 3
+FORMAT = 4
 """Raised when detection or this record changes, so that old files are not taken for new ones."""
 
 
