@@ -38,6 +38,8 @@ from quadrig.rig.start.lenses_and_poses import FirstCameras
 from quadrig.rig.start.pose_graph import FirstRig
 from quadrig.single.arrays import Floats, Mask
 
+# Rounds of a robust fit and the noise that it shows: two or three are usual.
+_NOISE_ROUNDS = 20
 # The weights of Cauchy's loss hardly change when the noise does by less than this (log).
 _SAME_NOISE = 0.3
 # A minimum that is not reached in so many steps is a valley that the Views leave open; its sigmas say so.
@@ -47,7 +49,7 @@ _MOST_STEPS = 25
 _ROBUST_STEPS = 12
 _WIDER = (20.0, 5.0)
 # Probabilities of classes of lenses that change by less than this move no figure by a hundredth of its sigma.
-_SAME_CLASSES = 0.002
+_SAME_CLASSES = 0.0005
 # Rounds of noise, classes of lenses and minimum, none of which needs new derivatives.
 _SETTLING = 2
 # Rounds of rejecting and taking back corners: the second rarely changes anything.
@@ -120,6 +122,12 @@ def solve_jointly(
     robust = _robust_stage(problem, observations, state, alone, first, free)
     contradicted = _contradicted(problem, observations, robust.inliers)
     if contradicted:
+        # A camera whose first lens is wrong is brought round by all of its Views under a wider loss, where Cauchy's
+        # loss at the noise's own width gives them all up.
+        first = replace(first, agrees=np.ones_like(first.agrees))
+        robust = _robust_stage(problem, observations, state, alone, first, free, wider=_WIDER)
+        contradicted = _contradicted(problem, observations, robust.inliers)
+    if contradicted:
         return contradicted
     used = observations.with_weights(robust.inliers.weights)
     found = adjust(
@@ -136,12 +144,17 @@ def _robust_stage(
     alone: FirstCameras,
     first: FirstRig,
     free: FreeParameters,
+    wider: tuple[float, ...] = (),
 ) -> _Fit:
-    """Cauchy's loss, and where the cameras are out of step slack and clock offsets; outliers found."""
+    """Cauchy's loss, and where the cameras are out of step slack and clock offsets; outliers found. wider: widths of
+    the loss to begin with, as multiples of the noise's own."""
     if state.offsets is not None:
         state = with_motion(problem, state)
     tables = layout(observations)
     thinned = observations.thinned(ENOUGH_POINTS)
+    for width in wider:
+        found, _ = _robust(problem, thinned, state, width * alone.noise, first, free, tables, most_rounds=1)
+        state = found.state
     found, noise = _robust(problem, thinned, state, alone.noise, first, free, tables)
     if state.offsets is not None:
         found = replace(found, state=with_motion(problem, found.state))
@@ -162,6 +175,7 @@ def _robust(
     first: FirstRig,
     free: FreeParameters,
     tables: Layout,
+    most_rounds: int = _NOISE_ROUNDS,
 ) -> tuple[Adjustment, float]:
     """From the first rig on, Views that fit nothing left out until the rig can judge them; with the noise (px)."""
     weights = [np.where(first.agrees[g.view][:, None], g.weights, 0.0) for g in observations.groups]
@@ -171,11 +185,7 @@ def _robust(
     def fit(used: Observations, at: State, sigma: float) -> Adjustment:
         return adjust(used, at, free, sigma, robust=True, most_steps=_ROBUST_STEPS, tables=tables, tolerance=ROUGH)
 
-    # First with a wider loss: a camera whose first lens is wrong is brought round by all of its Views, where Cauchy's
-    # loss at the noise's own width would give them all up.
-    for wider in _WIDER:
-        state = fit(trusted, state, wider * noise).state
-    while True:
+    for _ in range(most_rounds):
         found = fit(trusted, state, noise)
         seen = first_noise(trusted, found.linearised.squares, unknowns, problem.expected_noise)
         if abs(np.log(seen / noise)) < _SAME_NOISE:
