@@ -15,24 +15,26 @@ import cv2
 import numpy as np
 
 from quadrig.single import (
+    Capture,
+    ChessboardMarking,
     Intrinsics,
     Pose,
     Rectangle,
     Sheet,
     View,
+    angles_from_rotation,
     calibrate_view,
     closed_form,
     cramer_rao,
     detect_views,
+    paper_form,
+    paper_sigmas,
+    rectangle_corners,
     render_image,
+    rotation_from_angles,
+    solve_points,
 )
-from quadrig.single.markings.chessboard import ChessboardMarking
-from quadrig.single.rectangle import rectangle_corners
-from quadrig.single.render.capture import Capture
-from quadrig.single.rotation import angles_from_rotation, rotation_from_angles
-from quadrig.single.solve.cramer_rao import MEAN_ABSOLUTE, paper_sigmas
-from quadrig.single.solve.maximum_likelihood import solve_points
-from quadrig.single.solve.paper_form import paper_form
+from quadrig.single.solve.cramer_rao import MEAN_ABSOLUTE
 
 ROWS = ("T_X", "T_Y", "T_Z", "theta_x", "theta_y", "theta_z", "f")
 

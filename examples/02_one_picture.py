@@ -7,9 +7,17 @@ Here the picture is rendered, so that the truth is known; with a photograph cv2.
 
 import numpy as np
 
-from quadrig.single import Intrinsics, Pose, Rectangle, Sheet, calibrate_view, detect_views, render_image
-from quadrig.single.markings.tag import TagMarking
-from quadrig.single.render.capture import Capture
+from quadrig.single import (
+    Capture,
+    Intrinsics,
+    Pose,
+    Rectangle,
+    Sheet,
+    TagMarking,
+    calibrate_view,
+    detect_views,
+    render_image,
+)
 
 
 def main() -> None:

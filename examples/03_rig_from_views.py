@@ -8,9 +8,7 @@ Two cameras see one board in twenty poses. The pixels are the truth's, with 0.2 
 import numpy as np
 
 from quadrig.rig import CameraInput, calibrate
-from quadrig.single import Intrinsics, Pose, Rectangle, View
-from quadrig.single.markings.boards import board_points
-from quadrig.single.markings.chessboard import ChessboardMarking
+from quadrig.single import ChessboardMarking, Intrinsics, Pose, Rectangle, View, board_points
 
 NOISE = 0.2
 

@@ -14,11 +14,21 @@ import cv2
 import numpy as np
 
 from quadrig.rig import Advice, CameraInput, Coach, Rig, Situation, advise, calibrate, covered_points
-from quadrig.single import Floats, Intrinsics, Pose, QuadrigError, Rectangle, Sheet, View, detect_views, render_image
-from quadrig.single.markings.tag import TagMarking
-from quadrig.single.render.capture import Capture
-from quadrig.single.render.picture import ray_grid
-from quadrig.single.rotation import rotation_from_vector
+from quadrig.single import (
+    Capture,
+    Floats,
+    Intrinsics,
+    Pose,
+    QuadrigError,
+    Rectangle,
+    Sheet,
+    TagMarking,
+    View,
+    detect_views,
+    ray_grid,
+    render_image,
+    rotation_from_vector,
+)
 
 TARGET = 0.001
 MOST_FRAMESETS = 60

@@ -13,6 +13,7 @@ import numpy as np
 
 from quadrig.io.config.rig_toml import parse_config
 from quadrig.single import (
+    Capture,
     Floats,
     FoundTags,
     Intrinsics,
@@ -27,14 +28,13 @@ from quadrig.single import (
     View,
     calibrate_views,
     detect_views,
+    rectangle_corners,
     register,
     render_image,
 )
 from quadrig.single.detect.dictionaries import tag_cells
 from quadrig.single.detect.tag import EQ4_FROM_OPENCV, refine_tags, toned_corners
 from quadrig.single.markings.tag import tag_patches
-from quadrig.single.rectangle import rectangle_corners
-from quadrig.single.render.capture import Capture
 
 RIG_TOML = """
 [[rectangle]]

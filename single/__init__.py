@@ -32,10 +32,19 @@ if TYPE_CHECKING:
     from quadrig.single.rectangle import Rectangle as Rectangle
     from quadrig.single.rectangle import TagFamily as TagFamily
     from quadrig.single.rectangle import Tags as Tags
+    from quadrig.single.rectangle import rectangle_corners as rectangle_corners
+    from quadrig.single.render.capture import Capture as Capture
     from quadrig.single.render.picture import Sheet as Sheet
+    from quadrig.single.render.picture import ray_grid as ray_grid
     from quadrig.single.render.picture import render_image as render_image
+    from quadrig.single.rotation import angles_from_rotation as angles_from_rotation
+    from quadrig.single.rotation import rotation_from_angles as rotation_from_angles
+    from quadrig.single.rotation import rotation_from_vector as rotation_from_vector
     from quadrig.single.solve.closed_form import closed_form as closed_form
     from quadrig.single.solve.cramer_rao import cramer_rao as cramer_rao
+    from quadrig.single.solve.cramer_rao import paper_sigmas as paper_sigmas
+    from quadrig.single.solve.maximum_likelihood import solve_points as solve_points
+    from quadrig.single.solve.paper_form import paper_form as paper_form
     from quadrig.single.view import View as View
 
 _MODULE_OF = {
@@ -66,10 +75,19 @@ _MODULE_OF = {
     "Rectangle": "rectangle",
     "TagFamily": "rectangle",
     "Tags": "rectangle",
+    "rectangle_corners": "rectangle",
+    "Capture": "render.capture",
     "Sheet": "render.picture",
+    "ray_grid": "render.picture",
     "render_image": "render.picture",
+    "angles_from_rotation": "rotation",
+    "rotation_from_angles": "rotation",
+    "rotation_from_vector": "rotation",
     "closed_form": "solve.closed_form",
     "cramer_rao": "solve.cramer_rao",
+    "paper_sigmas": "solve.cramer_rao",
+    "solve_points": "solve.maximum_likelihood",
+    "paper_form": "solve.paper_form",
     "View": "view",
 }
 
