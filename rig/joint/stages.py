@@ -50,8 +50,6 @@ _ROBUST_STEPS = 12
 _WIDER = (20.0, 5.0)
 # Probabilities of classes of lenses that change by less than this move no figure by a hundredth of its sigma.
 _SAME_CLASSES = 0.0005
-# Rounds of noise, classes of lenses and minimum, none of which needs new derivatives.
-_SETTLING = 2
 # Rounds of rejecting and taking back corners: the second rarely changes anything.
 _ROUNDS = 5
 
@@ -185,10 +183,12 @@ def _robust(
     def fit(used: Observations, at: State, sigma: float) -> Adjustment:
         return adjust(used, at, free, sigma, robust=True, most_steps=_ROBUST_STEPS, tables=tables, tolerance=ROUGH)
 
-    for _ in range(most_rounds):
+    rounds = 0
+    while True:
+        rounds += 1
         found = fit(trusted, state, noise)
         seen = first_noise(trusted, found.linearised.squares, unknowns, problem.expected_noise)
-        if abs(np.log(seen / noise)) < _SAME_NOISE:
+        if abs(np.log(seen / noise)) < _SAME_NOISE or rounds == most_rounds:
             break
         state, noise = found.state, seen
     if not first.agrees.all():
@@ -213,7 +213,9 @@ def _least_squares_stage(
     """Least squares until the inliers and the weights of the classes of lenses stay the same, and the covariance."""
     free, inliers, noise, costs = fit.free, fit.inliers, fit.noise, fit.adjustment.costs
     state, used, before = fit.adjustment.state, observations.with_weights(inliers.weights), noise
-    for _ in range(_ROUNDS):
+    rounds = 0
+    while True:
+        rounds += 1
         found = adjust(used, state, free, noise, most_steps=_MOST_STEPS, tables=fit.adjustment.layout)
         state, costs, before = found.state, costs + found.costs, noise
         covariance = reduced_inverse(undamped(found, free))
@@ -221,23 +223,23 @@ def _least_squares_stage(
         again = inliers_of(observations, found.linearised.squares, state, free, noise)
         kinds = priors.kinds
         priors, free = _weighed(problem, priors, free, found, covariance)
-        if again.same_points(inliers) and np.abs(priors.kinds - kinds).max() < _SAME_CLASSES:
+        same = again.same_points(inliers) and np.abs(priors.kinds - kinds).max() < _SAME_CLASSES
+        if same or rounds == _ROUNDS:
             break
         inliers, used = again, observations.with_weights(again.weights)
         contradicted = _contradicted(problem, observations, inliers)
         if contradicted:
             return contradicted
-    adjustment, covariance = found, covariance
-    for _ in range(_SETTLING):
-        # Noise and classes of lenses depend on one another, not on the steps that led here.
-        adjustment = _at_noise(used, adjustment, free, before, noise)
-        reduced, before = undamped(adjustment, free), noise
-        covariance = reduced_inverse(reduced)
-        chi_square, freedom = residual_sum(adjustment, used, free, noise, covariance)
-        noise = noise_of(chi_square, freedom, problem.expected_noise)
-        settled = priors, free
-        priors, free = _weighed(problem, priors, free, adjustment, covariance)
-    priors, free = settled
+    # Noise and classes of lenses depend on one another, not on the steps that led here: once more, each with the other.
+    found = _at_noise(used, found, free, before, noise)
+    covariance, before = reduced_inverse(undamped(found, free)), noise
+    noise = noise_of(*residual_sum(found, used, free, noise, covariance), problem.expected_noise)
+    priors, free = _weighed(problem, priors, free, found, covariance)
+    adjustment = _at_noise(used, found, free, before, noise)
+    reduced = undamped(adjustment, free)
+    covariance = reduced_inverse(reduced)
+    chi_square, freedom = residual_sum(adjustment, used, free, noise, covariance)
+    noise = noise_of(chi_square, freedom, problem.expected_noise)
     predicted = without_slack(used, adjustment.state, free, noise)
     freedom = max(freedom, 0.0) + EXPECTED_WEIGHT
     return Joint(adjustment, used, free, inliers, noise, freedom, covariance, reduced, priors, costs, predicted)

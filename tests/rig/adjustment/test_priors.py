@@ -48,7 +48,11 @@ def test_data_weigh_the_classes_the_same_whatever_prior_the_fit_had(problem):
         prior = replace(first, information=first.information * scale, mean=elsewhere)
         both = data + prior.information
         middle = np.linalg.solve(both, (data @ lens + (prior.information @ prior.mean[..., None])[..., 0])[..., None])
-        found.append(weighed_priors(problem, prior, free, middle[..., 0], np.linalg.inv(both)))
+        found.append(
+            weighed_priors(
+                problem, prior, free, np.asarray(middle[..., 0], float), np.asarray(np.linalg.inv(both), float)
+            )
+        )
     # The focal about which each prior is linearised differs a little.
     np.testing.assert_allclose(found[0].kinds, found[1].kinds, atol=0.01)
     assert found[0].kinds[0, 0] > first.kinds[0, 0]
@@ -56,7 +60,9 @@ def test_data_weigh_the_classes_the_same_whatever_prior_the_fit_had(problem):
 
 def test_data_that_say_nothing_leave_the_classes_as_they_were(problem):
     first = first_priors(problem, np.full(4, 900.0))
-    again = weighed_priors(problem, first, np.ones((4, 9), bool), first.mean, np.linalg.inv(first.information))
+    again = weighed_priors(
+        problem, first, np.ones((4, 9), bool), first.mean, np.asarray(np.linalg.inv(first.information), float)
+    )
     np.testing.assert_allclose(again.kinds, first.kinds, atol=1e-6)
 
 
