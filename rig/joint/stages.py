@@ -230,7 +230,7 @@ def _least_squares_stage(
         contradicted = _contradicted(problem, observations, inliers)
         if contradicted:
             return contradicted
-    # Noise and classes of lenses depend on one another, not on the steps that led here: once more, each with the other.
+    # Noise and classes of lenses depend on one another, not on the steps that led here.
     found = _at_noise(used, found, free, before, noise)
     covariance, before = reduced_inverse(undamped(found, free)), noise
     noise = noise_of(*residual_sum(found, used, free, noise, covariance), problem.expected_noise)
