@@ -24,8 +24,13 @@ _UNEXPLAINED = 0.25
 _PRINT = 0.2
 # A second sheet of this share of the first one's area makes the choice a guess.
 _RIVAL = 0.4
+# Lines of pixels across an edge that the last fit looks at: the shape of its profile needs many.
+_LINES = 256
+# Standard deviation of log gamma that the profile of an edge cannot take away: a curve that is an S looks to it much
+# like a power, and moves the edge by more.
+_CURVE_SIGMA = .15
 # px that a real sheet's edge and corner depart from the model.
-_MODEL_SIGMA = 0.03
+_MODEL_SIGMA = 0.02
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,9 +86,9 @@ def _fit(grey: Picture, quad: Floats) -> FoundSheet | None:
     span = np.linalg.norm(np.roll(quad, -1, axis=0) - quad, axis=1).min()
     # First wide, since the search was coarse, then close to the edge, where the ground's texture counts less.
     blur = 0.0
-    for wide in (_WIDE, _CLOSE, _CLOSE):
+    for wide, most in ((_WIDE, 64), (_CLOSE, 96), (_CLOSE, _LINES)):
         reach = min(max(wide, 3 * blur), 0.2 * span)
-        outline = fit_outline(LightImage(grey, tone), corners, np.full((1, 4), reach))
+        outline = fit_outline(LightImage(grey, tone), corners, np.full((1, 4), reach), most=most)
         blur = float(np.median(outline.fit.blur))
         better = tone.updated(outline.pull[0], outline.weight[0])
         corners = outline.corners + outline.by_gamma * np.log(better.gamma / tone.gamma)
@@ -100,7 +105,7 @@ def _fit(grey: Picture, quad: Floats) -> FoundSheet | None:
     if np.any(fit.noise > _UNEXPLAINED * np.abs(fit.contrast)) or not _blank(grey, corners[0], contrast):
         return None
     sigma = float(np.hypot(np.sqrt(np.mean(outline.sigma**2)), _MODEL_SIGMA))
-    return FoundSheet(corners[0], sigma, tone.sigma * outline.by_gamma[0])
+    return FoundSheet(corners[0], sigma, tone.doubted(_CURVE_SIGMA).sigma * outline.by_gamma[0])
 
 
 def _blank(grey: Picture, corners: Floats, contrast: float) -> bool:

@@ -74,7 +74,7 @@ def tone_from_tags(grey: Picture, corners: Floats, blur: Floats, bits: Floats, t
         fit = _Fit(seen, _mixed_differences(bits), once[:, None].astype(np.float32), parameters[:, 18].copy())
         for _ in range(_STEPS if share > 0 else _LAST_STEPS):
             parameters, tone = fit.step(parameters, tone, close=share == 0)
-    return tone
+    return tone.doubted(_MODEL_SIGMA)
 
 
 @dataclass(frozen=True, eq=False)
@@ -207,7 +207,6 @@ def _model(parameters: Floats, seen: _Inside, corner_of: Singles) -> tuple[Singl
 
 
 def _told(tone: Tone, evidence: Evidence, explained: Mask) -> Tone:
-    """The tone after the evidence of the tags that are what they are taken for; all share the same wrong model."""
+    """The tone after the evidence of the tags that are what they are taken for."""
     pull, weight = float(evidence.pull[explained].sum()), float(evidence.weight[explained].sum())
-    shared = 1 / (1 + weight * _MODEL_SIGMA**2)
-    return tone.updated(shared * pull, shared * weight)
+    return tone.updated(pull, weight)

@@ -54,6 +54,10 @@ class Tone:
         step = (pull + prior * np.log(_USUAL / self.gamma)) / (weight + prior)
         return Tone(float(np.clip(self.gamma * np.exp(step), _LEAST, _MOST)), float((weight + prior) ** -0.5))
 
+    def doubted(self, sigma: float) -> "Tone":
+        """The same, with so much more doubt of log gamma."""
+        return Tone(self.gamma, float(np.hypot(self.sigma, sigma)))
+
 
 USUAL_TONE = Tone()
 
