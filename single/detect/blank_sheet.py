@@ -28,7 +28,7 @@ _RIVAL = 0.4
 _LINES = 256
 # Standard deviation of log gamma that the profile of an edge cannot take away: a curve that is an S looks to it much
 # like a power, and moves the edge by more.
-_CURVE_SIGMA = .15
+_CURVE_SIGMA = 0.15
 # px that a real sheet's edge and corner depart from the model.
 _MODEL_SIGMA = 0.02
 

@@ -14,8 +14,8 @@ from quadrig.single.subpixel.blurred_step import LEAST_NOISE, damped_step, soft_
 from quadrig.single.subpixel.local_homography import local_homographies, mapped
 from quadrig.single.subpixel.tone import Evidence, Tone, gamma_evidence
 
-# Places beside the edges of bits at which a tag is looked at, and tags: more tell gamma better than a power fits.
-_PLACES, _TAGS = 360, 2
+# Places beside the edges of bits that are looked at, in so many tags at most: more tell gamma better than powers fit.
+_PLACES, _TAGS = 720, 6
 # px beside three blurs within which an edge between bits is looked at.
 _BESIDE = 1.5
 # Standard deviation of log gamma that no inside takes away: real curves are no powers.
@@ -26,9 +26,9 @@ _WARP, _WARP_OF_100 = 0.02, 0.5
 # Shares of that by which edges are felt beyond their blur, in turn; steps of Gauss and Newton for each and at last.
 _NEARER, _STEPS, _LAST_STEPS = (1.0, 0.5, 0.2, 0.0), 3, 2
 # Side of a cell, px and blurs, below which bits run into each other.
-_LEAST_CELL, _LEAST_BLURS = 3.0, 1.5
+_LEAST_CELL, _LEAST_BLURS = 2.0, 1.5
 # Share of the contrast that the fit may leave unexplained: more, and something lies over the bits.
-_UNEXPLAINED = 0.15
+_UNEXPLAINED = 0.25
 # Share by which the outline's blur is wrong, as a logarithm; share of the contrast by which light and ink may slope.
 _BLUR_SPREAD, _SLOPE = 0.3, 0.5
 
@@ -63,13 +63,14 @@ def tone_from_tags(grey: Picture, corners: Floats, blur: Floats, bits: Floats, t
     edges = np.count_nonzero(np.diff(bits, axis=1), axis=(1, 2)) + np.count_nonzero(
         np.diff(bits, axis=2), axis=(1, 2)
     )
+    places = _PLACES // max(len(best), 2)
     parameters = np.zeros((len(best), 19))  # dark and its slopes, contrast and its, warp along u and v, log blur
     for share in _NEARER if (warp > blur).any() else _NEARER[-1:]:
         reach = np.minimum((3 * blur + _BESIDE + share * warp) / cell, 0.5)
-        grid = np.stack([_beside_bits(one, far) for one, far in zip(bits, reach, strict=True)])
+        grid = np.stack([_beside_bits(one, far, places) for one, far in zip(bits, reach, strict=True)])
         seen = _inside(grey, corners, grid, parameters[:, 6:18], cells)
         # Every pixel is one measurement, however often a small tag's is met.
-        once = np.minimum(1.0, edges * 2 * reach * cell**2 / _PLACES)
+        once = np.minimum(1.0, edges * 2 * reach * cell**2 / places)
         parameters[:, 18] = np.log(np.maximum(blur, share * warp / 2))
         fit = _Fit(seen, _mixed_differences(bits), once[:, None].astype(np.float32), parameters[:, 18].copy())
         for _ in range(_STEPS if share > 0 else _LAST_STEPS):
@@ -113,8 +114,8 @@ class _Fit:
         return _read_anew(parameters, follow, tone, told), told
 
 
-def _beside_bits(bits: Floats, reach: float) -> Floats:
-    """Places (_PLACES, 2), in cells, within reach of the edges between black and white bits."""
+def _beside_bits(bits: Floats, reach: float, count: int) -> Floats:
+    """Places (count, 2), in cells, within reach of the edges between black and white bits."""
     rows, columns = np.nonzero(np.diff(bits, axis=1))
     upright = np.stack([columns + 1, rows + 0.5], axis=1)
     rows, columns = np.nonzero(np.diff(bits, axis=0))
@@ -122,7 +123,7 @@ def _beside_bits(bits: Floats, reach: float) -> Floats:
     middle = np.concatenate([upright, level])
     size = np.concatenate([np.tile([reach, 0.5], (len(upright), 1)), np.tile([0.5, reach], (len(level), 1))])
     # The R2 sequence fills a square evenly and in step with nothing: powers of the root of x^3 = x + 1.
-    number = np.arange(_PLACES)
+    number = np.arange(count)
     spread = 2 * (number[:, None] * np.array([0.7548776662466927, 0.5698402909980532]) % 1) - 1
     edge = number % len(middle)
     return np.asarray(middle[edge] + spread * size[edge], float)
