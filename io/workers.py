@@ -57,19 +57,19 @@ def _over_pool(
     left = dict(enumerate(tasks))
     failures = 0
     while left:
-        with _pool(workers) as pool:
-            try:
+        try:
+            with _pool(workers) as pool:
                 for index, result in _completed(pool, function, list(left.items())):
                     del left[index]
                     failures = 0
                     yield index, result
-            except BrokenProcessPool as error:
-                failures += 1
-                if failures == _ROUNDS_WITHOUT_PROGRESS:
-                    raise QuadrigError(
-                        f"a worker process was ended {failures} times in a row, {len(left)} tasks are left; "
-                        "is there enough memory? use fewer workers"
-                    ) from error
+        except BrokenProcessPool as error:
+            failures += 1
+            if failures == _ROUNDS_WITHOUT_PROGRESS:
+                raise QuadrigError(
+                    f"a worker process was ended {failures} times in a row, {len(left)} tasks are left; "
+                    "is there enough memory? use fewer workers"
+                ) from error
 
 
 def _completed(
@@ -105,6 +105,8 @@ def _pool(workers: int) -> Iterator[ProcessPoolExecutor]:
                 process.terminate()
             for process in ended:
                 process.join(_SECONDS_TO_END)
+                # One that waits for a lock that died with another worker takes the request for a failed result.
+                process.kill()
         pool.shutdown(wait=finished, cancel_futures=True)
 
 
