@@ -103,7 +103,7 @@ def _simulated(name: str) -> Task:
 
 
 def quadrig(task: Task) -> Peer:
-    """This project: Views to Rig with covariance, lens chosen, working accuracy and left-out figures."""
+    """This project: Views to Rig with covariance, every lens parameter free, working accuracy, held-out figures."""
     rig = calibrate(task.cameras, [task.rectangle], task.views)
     poses = [c.rig_from_camera for c in rig.cameras]
     return Peer(

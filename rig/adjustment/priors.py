@@ -65,8 +65,7 @@ def estimated_lenses(problem: Problem) -> Mask:
 
 def first_priors(problem: Problem, focal: Floats) -> LensPriors:
     """The priors before any data; focal (C,) px: about which they are linearised."""
-    classes = _classes(problem, focal)
-    return _priors(classes)
+    return _priors(_classes(problem, focal))
 
 
 def weighed_priors(problem: Problem, before: LensPriors, free: Mask, lens: Floats, covariance: Floats) -> LensPriors:

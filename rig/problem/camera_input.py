@@ -14,7 +14,7 @@ class CameraInput:
     """A camera of a recording: its name, image size, and what is given of its lens.
 
     intrinsics: a first guess or, where fixed, the truth that stays. lens: which parameters are estimated;
-    "auto" chooses the simplest that the data supports.
+    "auto" estimates all that the lens model has, under the priors of real lenses.
     Raises QuadrigError where the image has no size.
     """
 
