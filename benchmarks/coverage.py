@@ -30,31 +30,42 @@ from quadrig.single.lens import project, project_with_derivatives
 
 # Every point of a rig shares its cameras: a few of them say what all would.
 _POINTS = 12
+# Added to the information of a point, as a share of it: one that ran out of sight stays where it is.
+_LEAST_SHARE = 1e-10
 # The quantile of a Gaussian five sigmas off, on both sides.
 _FIVE_SIGMAS = 1 - 5.7e-7
 
 
-def triangulated(made: Simulated, rig: Rig, points: Floats) -> Floats:
-    """Points (N, 3) of the rig frame, as the rig sees the pixels that the true cameras would give of them."""
+def seen_by(made: Simulated, rig: Rig, points: Floats) -> tuple[Floats, Mask]:
+    """True pixels (C, N, 2) of points (N, 3) of the rig frame, and which camera sees which (C, N)."""
     world_from_rig = made.world_from_camera[made.index(rig.reference)]
-    found = points.copy()
+    pixels, sees = [], []
+    for camera in rig.cameras:
+        index = made.index(camera.name)
+        true = made.world_from_camera[index].inverse() @ world_from_rig
+        pixels.append(project(made.lenses[index], true.transform(points)))
+        located = camera.rig_from_camera.inverse().transform(points)
+        sees.append(_inside(project(camera.intrinsics.parameters, located)) & np.isfinite(pixels[-1]).all(axis=1))
+    return np.array(pixels), np.array(sees)
+
+
+def triangulated(made: Simulated, rig: Rig, points: Floats) -> Floats:
+    """Points (N, 3) of the rig frame, as the rig sees the pixels that the true cameras would give of them. A point
+    that runs away is nan or far off: it is no point the less."""
+    found, (pixels, sees) = points.copy(), seen_by(made, rig, points)
     for _ in range(6):
         normal, right = np.zeros((len(points), 3, 3)), np.zeros((len(points), 3))
-        for camera in rig.cameras:
-            index = made.index(camera.name)
-            true = made.world_from_camera[index].inverse() @ world_from_rig
-            pixels = project(made.lenses[index], true.transform(points))
+        for camera, pixel, own in zip(rig.cameras, pixels, sees, strict=True):
             camera_from_rig = camera.rig_from_camera.inverse()
-            sees = _inside(project(camera.intrinsics.parameters, camera_from_rig.transform(points)))
-            sees &= np.isfinite(pixels).all(axis=1)
             seen, _, by_point = project_with_derivatives(
                 camera.intrinsics.parameters, camera_from_rig.transform(found)
             )
-            slope = np.where(sees[:, None, None], by_point @ camera_from_rig.rotation, 0)
-            error = np.where(sees[:, None], pixels - seen, 0)
+            slope = np.where(own[:, None, None], by_point @ camera_from_rig.rotation, 0)
+            error = np.where(own[:, None], pixel - seen, 0)
             normal += np.swapaxes(slope, 1, 2) @ slope
             right += (np.swapaxes(slope, 1, 2) @ error[..., None])[..., 0]
-        found = found + np.linalg.solve(normal, right[..., None])[..., 0]
+        held = _LEAST_SHARE * (1 + np.trace(normal, axis1=1, axis2=2))
+        found = found + np.linalg.solve(normal + held[:, None, None] * np.eye(3), right[..., None])[..., 0]
     return found
 
 
@@ -64,7 +75,9 @@ def _inside(pixels: Floats) -> Mask:
 
 
 def _holds(error: Floats, covariance: Floats) -> float:
-    """Chi-square's own quantile of an error: at most 0.95 where the 95 % region holds it."""
+    """Chi-square's own quantile of an error: at most 0.95 where the 95 % region holds it; 1 for one that is nan."""
+    if not np.isfinite(error).all():
+        return 1.0
     return float(chi2.cdf(error @ np.linalg.solve(covariance, error), len(error)))
 
 
@@ -78,7 +91,11 @@ def quantiles(made: Simulated, rig: Rig) -> dict[str, list[float]]:
         if camera.name != rig.reference:
             step = camera.rig_from_camera.step_to(made.rig_from_camera(rig.reference, camera.name))
             found["pose"].append(_holds(step, rig.pose_covariance(camera.name)))
-    points, moves = triangulation_shape(rig.cameras, covered_points(rig.rectangles))
+    points = covered_points(rig.rectangles)
+    points = points[seen_by(made, rig, points)[1].sum(axis=0) >= 2]
+    if not len(points):
+        return found
+    points, moves = triangulation_shape(rig.cameras, points)
     doubt = moves @ rig.covariance @ np.swapaxes(moves, -1, -2)
     off = triangulated(made, rig, points) - points
     shape = (off.ravel() - rigid_part(points, off.reshape(-1, 1))[:, 0]).reshape(-1, 3)

@@ -118,7 +118,7 @@ def usual_focal(side: Floats, models: Sequence[LensModel], focal: Floats | None 
     if focal is None:
         return side * np.exp(usual[:, 0])
     far = _FARTHEST * usual[:, 1]
-    return side * np.exp(np.clip(np.log(focal / side), usual[:, 0] - far, usual[:, 0] + far))
+    return np.clip(focal, side * np.exp(usual[:, 0] - far), side * np.exp(usual[:, 0] + far))
 
 
 @cache
