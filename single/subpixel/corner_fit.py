@@ -13,6 +13,7 @@ from quadrig.single.subpixel.blurred_step import (
     SOFTEST,
     USUAL_BLUR,
     damped_step,
+    place_excess,
     settled,
     soft_step,
     variance_of_sides,
@@ -81,7 +82,7 @@ def _corner_iterations(
     )
     noise = np.full(count, 4.0)
     inverse = np.zeros((count, 9, 9))
-    pull_on, weight_on = np.zeros(count), np.zeros(count)
+    pull_on, weight_on, excess = np.zeros(count), np.zeros(count), np.ones(count)
     active = np.arange(count)
     for iteration in range(ITERATIONS):
         now, w = parameters[active], weight[active]
@@ -109,11 +110,15 @@ def _corner_iterations(
         if not rest.any():
             continue
         done, active = active[rest], active[~rest]
-        evidence = gamma_evidence(model[rest], residual[rest], jacobian[rest], w[rest], inverse[done])
+        jacobian, residual, w = jacobian[rest], residual[rest], w[rest]
+        evidence = gamma_evidence(model[rest], residual, jacobian, w, inverse[done])
         pull_on[done], weight_on[done] = evidence.pull, evidence.weight
+        excess[done] = place_excess(jacobian, w * residual, inverse[done], slice(0, 2))
         if not len(active):
             break
-    sigma = np.sqrt(np.maximum(inverse[:, 0, 0] + inverse[:, 1, 1], 0) / 2)
+    # One window says little of how its pixels hang together; all of a board's say it.
+    shared = np.maximum(np.mean(excess), 1)
+    sigma = np.sqrt(shared * np.maximum(inverse[:, 0, 0] + inverse[:, 1, 1], 0) / 2)
     mean, half = parameters[:, 5], parameters[:, 8]
     grey_contrast = tone.grey(mean + half) - tone.grey(mean - half)
     blur = np.exp(parameters[:, 4])
