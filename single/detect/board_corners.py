@@ -16,7 +16,7 @@ _WORST_SIGMA = 0.5
 # A corner this many px from the middle of its window is fitted again in a window of its own.
 RECENTRE = 1.5
 # px that the model is wrong by on real lenses, added to what noise explains.
-_MODEL_SIGMA = 0.02
+_MODEL_SIGMA = 0.015
 # A saddle stays where it is in any tone, so that one which is roughly right serves: what is left in log gamma.
 _TONE_MATTERS = 0.15
 # Largest window (px): farther out the lens bends the squares' edges.
