@@ -247,11 +247,11 @@ def _fitted(
     if given.distortion_sigma > 0:
         prior["k1"] = given.distortion_sigma
     points, pixels = [view.points for view in views], [view.pixels for view in views]
-    sigma = [view.expected_sigma for view in views]
+    sigma, common = [view.expected_sigma for view in views], [view.common for view in views]
 
     def fit(intrinsics: Intrinsics, at: Pose, coefficients: Sequence[str], excess: float = 1.0) -> LensFit:
         names = dict.fromkeys([*free, *prior, *coefficients])
-        return fit_lens(points, pixels, intrinsics, at, list(names), [s * excess for s in sigma], prior)
+        return fit_lens(points, pixels, intrinsics, at, list(names), [s * excess for s in sigma], prior, common)
 
     if distortion == "auto":
         ladder = [[], ["k1"], ["k1", "k2"]] if _many(views) else [[]]

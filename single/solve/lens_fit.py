@@ -1,11 +1,12 @@
 """Maximum likelihood of one lens and the poses of the Views it took: any lens model, analytic derivatives."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from quadrig.single.arrays import Floats, Ints, Mask
+from quadrig.single.common_error import stacked_common, whitened
 from quadrig.single.damping import MOST_DAMPING, Damping, gain
 from quadrig.single.errors import QuadrigError
 from quadrig.single.lens import LENS_PARAMETERS, Intrinsics, project_with_derivatives
@@ -46,13 +47,15 @@ def fit_lens(
     free: Sequence[str],
     sigma: Sequence[float] | float = 1.0,
     prior_sigma: Mapping[str, float] | None = None,
+    common: Sequence[Floats | None] | None = None,
 ) -> LensFit:
     """Least squares over all points of all Views, from a start.
 
     points: for each of V Views (P, 3) metres in the rectangle's frame; pixels: (P, 2); intrinsics and
     camera_from_rects (a batch (V)): the start; free: names of LENS_PARAMETERS to estimate, the others stay; sigma:
     standard deviation of a pixel coordinate, one for all Views or one for each; prior_sigma: standard deviations of
-    priors on free parameters, about the start.
+    priors on free parameters, about the start; common: for each View the error (P, 2) px that its pixels share beside
+    sigma, or None.
     Raises QuadrigError where a name is unknown or there are fewer coordinates than unknowns.
     """
     prior = dict(prior_sigma or {})
@@ -60,6 +63,9 @@ def fit_lens(
         if name not in LENS_PARAMETERS:
             raise QuadrigError(f"no lens parameter is called {name!r}; choose among {', '.join(LENS_PARAMETERS)}")
     problem = _problem(points, pixels, intrinsics, free, sigma, prior)
+    if common is not None:
+        shared = stacked_common(common, problem.sigma, problem.seen.shape[1]) * problem.seen[..., None]
+        problem = replace(problem, common=shared)
     dof = 2 * int(problem.seen.sum()) + len(prior) - len(free) - 6 * len(points)
     if dof < 0:
         raise QuadrigError(
@@ -69,7 +75,7 @@ def fit_lens(
     with np.errstate(all="ignore"):
         lens, poses, chi2, converged = _search(problem, intrinsics.parameters, camera_from_rects)
         lens_covariance, pose_covariance, cross = _covariances(problem, lens, poses)
-        residuals, *_ = _linearised(problem, lens, poses)
+        residuals, *_ = _linearised(replace(problem, common=np.zeros_like(problem.common)), lens, poses)
     unscaled = residuals * problem.sigma[:, None, None]
     return LensFit(
         intrinsics.with_parameters(lens),
@@ -87,12 +93,14 @@ def fit_lens(
 @dataclass(frozen=True, eq=False)
 class _LensViews:
     """points (V, P, 3) and pixels (V, P, 2), seen (V, P) where they are no padding, sigma (V), free: indices of the
-    lens parameters; prior_mean and prior_weight (9): one over the variance, zero where there is no prior."""
+    lens parameters; common (V, P, 2): what the pixels of a View share, over sigma; prior_mean and prior_weight (9):
+    one over the variance, zero where there is no prior."""
 
     points: Floats
     pixels: Floats
     seen: Mask
     sigma: Floats
+    common: Floats
     free: Ints
     prior_mean: Floats
     prior_weight: Floats
@@ -122,6 +130,7 @@ def _problem(
         padded_pixels,
         seen,
         np.broadcast_to(np.asarray(sigma, float), (len(points),)),
+        np.zeros_like(padded_pixels),
         np.array([LENS_PARAMETERS.index(name) for name in free], int),
         intrinsics.parameters,
         weight,
@@ -131,7 +140,7 @@ def _problem(
 
 def _linearised(problem: _LensViews, lens: Floats, poses: Pose) -> tuple[Floats, Floats, Floats]:
     """Residuals (V, P, 2), derivatives of the pixels by the free lens parameters (V, P, 2, n) and by the pose steps
-    (V, P, 2, 6), all over sigma; zero where unseen."""
+    (V, P, 2, 6), all over sigma and freed of what a View's pixels share; zero where unseen."""
     rotated = problem.points @ np.swapaxes(poses.rotation, -1, -2)
     seen, by_lens, by_point = project_with_derivatives(
         lens, rotated + poses.translation[:, None], problem.intrinsics.model
@@ -142,7 +151,10 @@ def _linearised(problem: _LensViews, lens: Floats, poses: Pose) -> tuple[Floats,
     residuals = (problem.pixels - seen) * scale
     lens_rows, pose_rows = by_lens[..., problem.free] * scale[..., None], by_pose * scale[..., None]
     residuals[unseen], lens_rows[unseen], pose_rows[unseen] = 0, 0, 0
-    return residuals, lens_rows, pose_rows
+    if not problem.common.any():
+        return residuals, lens_rows, pose_rows
+    common = problem.common
+    return whitened(residuals, common), whitened(lens_rows, common), whitened(pose_rows, common)
 
 
 def _chi2(problem: _LensViews, lens: Floats, residuals: Floats) -> float:
