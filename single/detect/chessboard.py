@@ -10,8 +10,10 @@ from quadrig.single.detect.saddle_grid import find_saddle_grid
 from quadrig.single.subpixel.corner_fit import CornerFit, fit_corners
 from quadrig.single.subpixel.tone import LightImage
 
-# Share of a row of corners beyond a board's edge that shows the board to be larger.
+# Share of a row of squares beyond a board's edge that must be in the picture to show the board to be larger.
 _ENOUGH_OF_A_ROW = 0.6
+# Squares beyond that edge at which they are looked at; share of the contrast by which their colours alternate.
+_BEYOND, _BOTH_COLOURS = 0.4, 0.4
 # Side (px) of the smallest square whose corners are kept apart by blur and pixels.
 _SMALLEST_SQUARE = 5.0
 
@@ -48,7 +50,7 @@ def find_chessboard(grey: Picture, columns: int, rows: int) -> FoundGrid | None:
     if not _all_sure(fit, grid, axes) or sign == 0:
         return None
     pixels = fit.pixels.reshape(grid.shape)
-    return None if _goes_on(light, pixels, fit) else FoundGrid(pixels, sign, view_sigma(fit.sigma))
+    return None if _goes_on(grey, pixels, fit) else FoundGrid(pixels, sign, view_sigma(fit.sigma))
 
 
 def _right_handed(grid: Floats) -> Floats:
@@ -80,22 +82,25 @@ def _all_sure(fit: CornerFit, grid: Floats, axes: Floats) -> bool:
     return bool(near and np.all(good_corners(fit)) and np.min(side) > _SMALLEST_SQUARE)
 
 
-def _goes_on(light: LightImage, grid: Floats, fit: CornerFit) -> bool:
-    """Whether a row of corners follows beyond the grid's edge: then it is a part of a larger board."""
-    contrast, noise, blur = np.abs(fit.contrast).mean(), np.median(fit.noise), np.median(fit.blur)
+def _goes_on(grey: Picture, grid: Floats, fit: CornerFit) -> bool:
+    """Whether squares of both colours follow beyond the board's edge: then it is a part of a larger board.
+
+    The squares themselves are looked at, not their corners: in blur and noise the ends of a board's outermost black
+    squares look like corners.
+    """
+    contrast = float(np.mean(np.abs(fit.grey_contrast)))
     for turned in (grid, grid[::-1], np.swapaxes(grid, 0, 1), np.swapaxes(grid, 0, 1)[::-1]):
-        beyond = 2 * turned[0] - turned[1]
-        axes = np.stack([np.gradient(beyond, axis=0), turned[1] - turned[0]], axis=1)
-        inside = ((beyond > 3) & (beyond < np.array(light.grey.shape[::-1]) - 4)).all(axis=1)
-        if np.count_nonzero(inside) < _ENOUGH_OF_A_ROW * len(beyond):
+        outward = turned[0] - turned[1]
+        beyond = turned[0] + (1 + _BEYOND) * outward
+        middles = np.rint((beyond[1:] + beyond[:-1]) / 2).astype(int)
+        inside = ((middles >= 1) & (middles < np.array(grey.shape[::-1]) - 1)).all(axis=1)
+        if np.count_nonzero(inside) < max(_ENOUGH_OF_A_ROW * len(middles), 2):
             continue
-        more = fit_corners(light, beyond[inside], axes[inside], corner_window(axes[inside]))
-        side = np.linalg.norm(axes[inside], axis=2).min(axis=1)
-        near = np.linalg.norm(more.pixels - beyond[inside], axis=1) < np.maximum(1.5, 0.15 * side)
-        # The ends of the outermost black squares look like soft, noisy corners; true ones are like their fellows.
-        same = (np.abs(more.contrast) > 0.5 * contrast) & (more.noise < np.maximum(2.5 * noise, 0.04 * contrast))
-        same &= more.blur < 1.5 * blur + 0.3
-        if np.count_nonzero(good_corners(more) & near & same) >= _ENOUGH_OF_A_ROW * len(beyond):
+        patches = [grey[y - 1 : y + 2, x - 1 : x + 2].mean() for x, y in middles[inside]]
+        colours = (1 - 2 * (np.arange(len(middles)) % 2))[inside]
+        wave = float(np.mean(colours * (patches - np.mean(patches))))
+        # Half the contrast where the board goes on; nothing on a white border.
+        if abs(wave) > _BOTH_COLOURS * contrast:
             return True
     return False
 
