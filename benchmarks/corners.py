@@ -1,10 +1,11 @@
 """Corners in the real world: how far from the truth and from their own sigma, under blur, noise and tone curves.
 
-python -m benchmarks corners [tag|charuco|chessboard|sheet|all] [grid|mixed] [Views]
+python -m benchmarks corners [tag|charuco|chessboard|sheet|all] [grid|mixed|tables] [Views]
 
 grid: one line for each blur and tone curve at noise 2 and JPEG 90. mixed: blur 0.5 to 2.5 px, noise 1 to 8 grey
 levels, gamma 1 to 2.6, JPEG 75 to 95, uneven light, drawn for each View. Shift: mean by which corners lie outside
 of where they are (px, as their edges do). Within: corners inside their 95 % region, common error included.
+tables: blank sheets alone, on what they lie on: wood, cloth, light tables, in shadows, rounded, under a hand.
 """
 
 import sys
@@ -23,7 +24,8 @@ from quadrig.single.markings.chessboard import ChessboardMarking
 from quadrig.single.markings.tag import TagMarking
 from quadrig.single.pose import Pose
 from quadrig.single.rectangle import Rectangle
-from quadrig.single.render.capture import FILM, LINEAR, SRGB, Capture, ToneCurve
+from quadrig.single.render.capture import FILM, LINEAR, SRGB, Capture, Hand, Shadow, ToneCurve
+from quadrig.single.render.ground import fabric, wood
 from quadrig.single.render.picture import Sheet, ray_grid, render_image
 from quadrig.single.view import View
 
@@ -47,6 +49,8 @@ BLURS = (0.5, 1.0, 2.0)
 # Half the 95 % region of a corner: chi2 of two degrees of freedom.
 REGION_95 = 5.991
 FAR = 8.0
+# px by which a corner of a sheet is no corner of it.
+WRONG = 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,6 +99,73 @@ def error(view: View, pose: Pose) -> Error:
     return Error(gap, outward, distance, float(np.sqrt(np.trace(covariance, axis1=1, axis2=2).mean() / 2)))
 
 
+def table(kind: str, rng: np.random.Generator, pose: Pose) -> Sheet:
+    """What the sheet lies on, 1.5 m wide, of its own pose."""
+    large = Rectangle("table", 1.5, 1.2, PlainMarking())
+    textures = {"wood": wood, "cloth": fabric}
+    texture = textures[kind]((2000, 1600), rng) if kind in textures else None
+    tone = float(rng.uniform(0.3, 0.8)) if texture is not None else float(rng.uniform(0.08, 0.4))
+    return Sheet(large, pose, texture=texture, margin=0.0, tone=tone)
+
+
+def on_a_table(kind: str, number: int) -> tuple[Picture, Pose]:
+    """A picture of the sheet on a table, by the kind of table, light or cover."""
+    rng = np.random.default_rng(number)
+    rectangle = MARKED["sheet"]
+    turn, place = rng.uniform(-0.6, 0.6, 3) * [1, 1, 4], np.array([*rng.uniform(-0.08, 0.08, 2), 1])
+    pose = Pose.from_vectors(turn, place * rng.uniform(0.75, 1.1))
+    corners = LENS.project(pose.transform(rectangle.corners))
+    ground, light = table(kind, rng, pose), {}
+    if kind == "light table":
+        # So much light less than the sheet's as makes 12 to 20 grey levels at sRGB.
+        ground = Sheet(ground.rectangle, pose, margin=0.0, tone=float(0.82 - rng.uniform(0.095, 0.15)))
+    if kind in ("sharp shadow", "soft shadow"):
+        across = rng.uniform(0, np.pi)
+        along, out = np.array([np.cos(across), np.sin(across)]), np.array([-np.sin(across), np.cos(across)])
+        middle = corners.mean(axis=0) + rng.uniform(-40, 40, 2)
+        ends = [
+            middle - 900 * along,
+            middle + 900 * along,
+            middle + 900 * (along + out),
+            middle + 900 * (out - along),
+        ]
+        softness = 0.5 if kind == "sharp shadow" else float(rng.uniform(8, 25))
+        light["shadows"] = (Shadow(tuple((float(x), float(y)) for x, y in ends), rng.uniform(0.25, 0.6), softness),)
+    if kind.startswith("hand"):
+        side = int(rng.integers(4))
+        share = rng.uniform(0.3, 0.7) if kind == "hand on edge" else 0.0
+        spot = corners[side] + share * (corners[(side + 1) % 4] - corners[side])
+        inward = corners.mean(axis=0) - spot
+        angle = float(np.arctan2(inward[1], inward[0]) + rng.uniform(-0.4, 0.4))
+        tip = spot + rng.uniform(10, 35) * np.array([np.cos(angle), np.sin(angle)])
+        light["hands"] = (Hand((float(tip[0]), float(tip[1])), angle, float(rng.uniform(14, 22))),)
+    capture = Capture(blur=rng.uniform(0.5, 1.2), noise=rng.uniform(1, 3), curve=SRGB, jpeg=90, **light)
+    rounding = {"rounded 3 mm": 0.003, "rounded 8 mm": 0.008}.get(kind, 0.0)
+    sheets = [ground, Sheet(rectangle, pose, rounding=rounding)]
+    image = render_image(GRID, Pose.identity(), sheets, capture=capture, samples=4, colour=False, rng=rng)
+    return image, pose
+
+
+TABLES = (
+    *("plain", "wood", "cloth", "light table", "sharp shadow", "soft shadow"),
+    *("rounded 3 mm", "rounded 8 mm", "hand on edge", "hand on corner"),
+)
+
+
+def measure_tables(views: int) -> None:
+    """One line for each kind of table. Wrong: a corner more than 3 px off."""
+    print(f"{'sheet on a table':24s} found   wrong   shift     rms   sigma  within   far  worst")
+    for kind in TABLES:
+        errors = []
+        for number in range(views):
+            image, pose = on_a_table(kind, number)
+            errors += [error(view, pose) for view in detect_views(image, [MARKED["sheet"]])]
+        right = [one for one in errors if np.abs(one.gap).max() < WRONG]
+        print(
+            f"{kind:24s} {100 * len(errors) / views:3.0f} % {len(errors) - len(right):7d}  {summary(right or errors)}"
+        )
+
+
 def grid(views: int) -> Iterator[tuple[str, list[Capture]]]:
     """Each blur and tone curve with as many captures."""
     for name, curve in CURVES.items():
@@ -130,8 +201,26 @@ def measure(rectangle: Rectangle, captures: Sequence[Capture]) -> tuple[list[Err
     return found, 1e3 * spent / len(captures)
 
 
+def summary(errors: Sequence[Error]) -> str:
+    """Shift, rms, sigma, share within, how many far and the worst, of Views' errors."""
+    if not errors:
+        return ""
+    gap, outward, distance = (
+        np.concatenate([getattr(one, name) for one in errors]) for name in ("gap", "outward", "distance")
+    )
+    return (
+        f"{np.mean(outward):6.3f} {np.sqrt(np.mean(gap**2)):7.3f}"
+        f" {np.sqrt(np.mean([one.sigma**2 for one in errors])):7.3f}"
+        f" {100 * np.mean(distance**2 < REGION_95):5.1f} % {np.count_nonzero(distance > FAR):5d}"
+        f" {np.abs(gap).max():6.2f}"
+    )
+
+
 def main() -> None:
     """Render, search, print a line for each kind of picture."""
+    if sys.argv[2:3] == ["tables"]:
+        measure_tables(int(sys.argv[3]) if len(sys.argv) > 3 else 20)
+        return
     wanted = sys.argv[1] if len(sys.argv) > 1 else "all"
     mode = {"grid": grid, "mixed": mixed}[sys.argv[2] if len(sys.argv) > 2 else "grid"]
     count = int(sys.argv[3]) if len(sys.argv) > 3 else 20
@@ -141,18 +230,7 @@ def main() -> None:
         print(f"{name:24s} found   shift     rms   sigma  within   far  worst      ms")
         for label, captures in mode(count):
             errors, cost = measure(rectangle, captures)
-            if not errors:
-                print(f"{label:24s}    0 %")
-                continue
-            gap, outward, distance = (
-                np.concatenate([getattr(one, name) for one in errors]) for name in ("gap", "outward", "distance")
-            )
-            print(
-                f"{label:24s} {100 * len(errors) / count:3.0f} % {np.mean(outward):7.3f}"
-                f" {np.sqrt(np.mean(gap**2)):7.3f} {np.sqrt(np.mean([e.sigma**2 for e in errors])):7.3f}"
-                f" {100 * np.mean(distance**2 < REGION_95):5.1f} % {np.count_nonzero(distance > FAR):5d}"
-                f" {np.abs(gap).max():6.2f} {cost:7.1f}"
-            )
+            print(f"{label:24s} {100 * len(errors) / count:3.0f} % {summary(errors)} {cost:7.1f}")
 
 
 if __name__ == "__main__":

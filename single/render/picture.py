@@ -102,8 +102,7 @@ def render_image(
     light = _background(grid, camera_from_world, background, colour)
     shape = light.shape[:2]
     canvas = _Canvas(light, np.full(shape, np.inf, np.float32), np.full(shape, -1, np.int16))
-    distances = [np.linalg.norm(camera_from_world.transform(s.world_from_rect.translation)) for s in sheets]
-    for index in np.argsort(distances)[::-1]:
+    for index in _order(sheets, camera_from_world):
         _paint(canvas, int(index), sheets[index], grid, camera_from_world, samples, capture.blur)
     return take_picture(canvas.light, capture, rng)
 
@@ -116,6 +115,20 @@ class _Canvas:
     light: Singles
     depth: Singles
     owner: NDArray[np.int16]
+
+
+def _order(sheets: Sequence[Sheet], camera_from_world: Pose) -> list[int]:
+    """The farthest sheet first, but what lies on another after that, or its blurred edge would be painted over."""
+    distances = [float(np.linalg.norm(camera_from_world.transform(s.world_from_rect.translation))) for s in sheets]
+    order = sorted(range(len(sheets)), key=lambda k: -distances[k])
+    for upper, sheet in enumerate(sheets):
+        for lower in range(upper):
+            rect_from_world = sheets[lower].world_from_rect.inverse()
+            lies_on = abs(float(rect_from_world.transform(sheet.world_from_rect.translation)[2])) < _THICKNESS
+            if lies_on and order.index(upper) < order.index(lower):
+                order.remove(upper)
+                order.insert(order.index(lower) + 1, upper)
+    return order
 
 
 def _background(grid: RayGrid, camera_from_world: Pose, background: Room | Singles | float, colour: bool) -> Singles:

@@ -209,3 +209,15 @@ def test_grounds_are_tones(texture):
     assert tones.mean() == pytest.approx(0.5, abs=0.02)
     assert tones.min() >= 0
     assert tones.max() <= 1
+
+
+def test_edge_of_what_lies_on_a_sheet_is_where_it_would_be_without_it():
+    # The table's middle is nearer to the camera than the card's, and farther: either way the card is on top, its
+    # blurred edge included.
+    card = Sheet(SHEET, facing(0, 0, 0.8), tone=0.9)
+    capture = Capture(blur=1.5)
+    alone = render_image(STRAIGHT, Pose.identity(), [card], background=0.2, capture=capture, colour=False)
+    for x in (0.0, 0.3, -0.6):
+        ground = Sheet(Rectangle("table", 4.0, 4.0, PlainMarking()), facing(x, 0, 0.8), tone=0.2)
+        image = render_image(STRAIGHT, Pose.identity(), [ground, card], capture=capture, colour=False)
+        assert np.abs(image.astype(int) - alone).max() <= 1
