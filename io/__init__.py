@@ -10,7 +10,10 @@ if TYPE_CHECKING:
     from quadrig.io.config.rig_toml import parse_config as parse_config
     from quadrig.io.config.rig_toml import read_config as read_config
     from quadrig.io.config.rig_toml import write_config as write_config
-    from quadrig.io.export.formats import export_files as export_files
+    from quadrig.io.formats.any_file import KnownLens as KnownLens
+    from quadrig.io.formats.any_file import read_any_lenses as read_any_lenses
+    from quadrig.io.formats.any_file import read_any_rig as read_any_rig
+    from quadrig.io.formats.registry import export_files as export_files
     from quadrig.io.recording.framesets import Framesets as Framesets
     from quadrig.io.recording.framesets import build_framesets as build_framesets
     from quadrig.io.recording.recorded_cameras import RecordedCamera as RecordedCamera
@@ -35,7 +38,10 @@ _MODULE_OF = {
     "parse_config": "config.rig_toml",
     "read_config": "config.rig_toml",
     "write_config": "config.rig_toml",
-    "export_files": "export.formats",
+    "KnownLens": "formats.any_file",
+    "read_any_lenses": "formats.any_file",
+    "read_any_rig": "formats.any_file",
+    "export_files": "formats.registry",
     "Framesets": "recording.framesets",
     "build_framesets": "recording.framesets",
     "RecordedCamera": "recording.recorded_cameras",

@@ -137,7 +137,7 @@ def _calibrate_each(
 
 def _show(rig: Rig, output: Path, as_json: bool) -> None:
     if as_json:
-        from quadrig.io.export.values import json_text
+        from quadrig.io.formats.rig_json import json_text
 
         print(json_text(result_values(rig)))
         return
@@ -149,7 +149,7 @@ def _show(rig: Rig, output: Path, as_json: bool) -> None:
 
 def result_values(rig: Rig) -> dict[str, object]:
     """The values of `rig export --format json`, and with them how well all fits, what is weak, who is missing."""
-    from quadrig.io.export.values import rig_values
+    from quadrig.io.formats.rig_json import rig_values
 
     return {
         **rig_values(rig),

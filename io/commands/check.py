@@ -8,7 +8,7 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from quadrig.io.export.values import json_text
+from quadrig.io.formats.rig_json import json_text
 from quadrig.io.rig_file.rig_mcap import read_rig_file
 from quadrig.io.search.later_recording import views_of
 from quadrig.rig.doubt.verdict import out_of_step

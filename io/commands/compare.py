@@ -6,7 +6,7 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from quadrig.io.export.values import json_text
+from quadrig.io.formats.rig_json import json_text
 from quadrig.io.rig_file.rig_mcap import read_rig
 from quadrig.io.viewer import show as rerun_show
 from quadrig.rig.comparison import CameraDifference, Comparison

@@ -66,7 +66,7 @@ def _calibrate(recording: Path, described: Path, result: Path, workers: int | No
 def _show(rig: Rig, scene: Scene, written: Sequence[Path], as_json: bool) -> None:
     compared = compare_with_truth(rig, scene)
     if as_json:
-        from quadrig.io.export.values import json_text
+        from quadrig.io.formats.rig_json import json_text
 
         values = result_values(rig) | {"truth": {one.camera: _truth_values(one) for one in compared}}
         print(json_text(values))

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from quadrig.io.export.formats import FORMATS, export_files
+from quadrig.io.formats.registry import FORMATS, export_files
 from quadrig.io.rig_file.rig_mcap import read_rig
 from quadrig.io.whole_file import write_text
 from quadrig.single.errors import QuadrigError

@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 
 from quadrig.io.config.rig_toml import RigConfig, read_config
-from quadrig.io.export.values import json_text
+from quadrig.io.formats.rig_json import json_text
 from quadrig.io.live.capture.source import Pace
 from quadrig.io.live.capture.source_spec import SourceSpec, parse_source
 from quadrig.io.live.display import Screen

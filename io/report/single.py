@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from quadrig.io.export.values import json_text
+from quadrig.io.formats.rig_json import json_text
 from quadrig.single.arrays import Floats
 from quadrig.single.calibration import Calibration
 from quadrig.single.rectangle import Rectangle

@@ -7,17 +7,18 @@ from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
+from quadrig.io.formats.format import Options
 from quadrig.rig.result import Camera, Rig
 from quadrig.single.arrays import Floats
 from quadrig.single.pose import Pose
 
 
-def ros_files(rig: Rig) -> dict[str, str]:
+def ros_files(rig: Rig, _options: Options) -> dict[str, str]:
     """NAME.yaml for each camera."""
     return {f"{file_name(camera.name)}.yaml": _camera_info(camera) for camera in rig.cameras}
 
 
-def tf_files(rig: Rig) -> dict[str, str]:
+def tf_files(rig: Rig, _options: Options) -> dict[str, str]:
     """A ROS 2 XML launch file that starts a static_transform_publisher for each camera and standing rectangle."""
     lines = ["<launch>"]
     for child, parent_from_child in _still(rig):
@@ -31,7 +32,7 @@ def tf_files(rig: Rig) -> dict[str, str]:
     return {"rig.launch.xml": "\n".join([*lines, "</launch>", ""])}
 
 
-def urdf_files(rig: Rig) -> dict[str, str]:
+def urdf_files(rig: Rig, _options: Options) -> dict[str, str]:
     """A link for each camera and standing rectangle, fixed to the rig frame's."""
     children = _still(rig)
     lines = ['<?xml version="1.0"?>', '<robot name="rig">', f"  <link name={quoteattr(rig.reference)}/>"]

@@ -1,12 +1,13 @@
 """COLMAP's text model. Its images hold cam_from_world (our camera_from_rig) as QW QX QY QZ TX TY TZ, and its pixels
 begin at the corner of the top-left pixel, so that its principal points are half a pixel larger than ours."""
 
+from quadrig.io.formats.format import Options
 from quadrig.rig.result import Camera, Rig
 
 _HALF_PIXEL = 0.5
 
 
-def colmap_files(rig: Rig) -> dict[str, str]:
+def colmap_files(rig: Rig, _options: Options) -> dict[str, str]:
     """cameras.txt, images.txt (one image for each camera, by its name) and an empty points3D.txt."""
     cameras = ["# CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]"]
     images = ["# IMAGE_ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID, NAME", "# POINTS2D[] as (X, Y, POINT3D_ID)"]

@@ -1,0 +1,104 @@
+"""Rigs and lenses out of files of any format: told apart by what is in them."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import msgspec
+import numpy as np
+import yaml
+
+from quadrig.io.formats.format import Held, rig_of
+from quadrig.io.formats.registry import FORMATS
+from quadrig.io.recording.mcap_reader import is_mcap
+from quadrig.io.rig_file.rig_mcap import read_rig
+from quadrig.rig.result import Rig
+from quadrig.single.arrays import Floats
+from quadrig.single.errors import QuadrigError
+from quadrig.single.lens import Intrinsics
+
+# Enough of a file to know it by: what tells formats apart stands in the first camera.
+_HEAD = 1 << 16
+# A rig of a thousand cameras with its covariance is smaller; what is larger was not meant for this.
+_LARGEST_FILE = 1 << 30
+
+
+@dataclass(frozen=True, eq=False)
+class KnownLens:
+    """A lens known before, and its covariance (9, 9) in the order of LENS_PARAMETERS: nan where it is not known, zero
+    along parameters that were held."""
+
+    intrinsics: Intrinsics
+    covariance: Floats
+
+
+def read_any_rig(*paths: Path | str) -> Rig:
+    """The Rig of a rig.mcap, or of files of any format that quadrig reads; several files say each their part.
+
+    Covariances are nan where the files do not state them. Raises QuadrigError, one sentence, where a file is absent,
+    damaged or of no known format, or where a camera has a lens and no pose.
+    """
+    held = _read_all(paths)
+    if held.rig is not None:
+        return held.rig
+    _refuse_unplaced(held, paths[0])
+    return rig_of(held.lenses, held.poses, held.frame)
+
+
+def read_any_lenses(*paths: Path | str) -> dict[str, KnownLens]:
+    """The lenses of cameras by name, from the same files, which may lack poses. Errors are those of read_any_rig."""
+    held = _read_all(paths)
+    if held.rig is not None:
+        rig = held.rig
+        return {one.name: KnownLens(one.intrinsics, rig.lens_covariance(one.name)) for one in rig.cameras}
+    return {name: KnownLens(lens, np.full((9, 9), np.nan)) for name, lens in held.lenses.items()}
+
+
+def _read_all(paths: tuple[Path | str, ...]) -> Held:
+    each = [_read(Path(path)) for path in paths]
+    if len(each) == 1:
+        return each[0]
+    if any(held.rig is not None for held in each):
+        raise QuadrigError(f"{paths[0]}: a file that holds a whole rig is read alone; give one file")
+    lenses, poses = {}, {}
+    for path, held in zip(paths, each, strict=True):
+        for mine, theirs in ((lenses, held.lenses), (poses, held.poses)):
+            twice = sorted(mine.keys() & theirs.keys())
+            if twice:
+                raise QuadrigError(f"{path}: camera {twice[0]!r} is in an earlier file too; give each camera once")
+            mine.update(theirs)
+    return Held(lenses, poses, next((held.frame for held in each if held.frame), ""))
+
+
+def _read(path: Path) -> Held:
+    if not path.is_file():
+        raise QuadrigError(
+            f"there is no file {path}; give a rig.mcap, or a file of another program (docs/formats.md)"
+        )
+    if is_mcap(path):
+        return Held(rig=read_rig(path))
+    if not 0 < path.stat().st_size < _LARGEST_FILE:
+        size = path.stat().st_size
+        raise QuadrigError(f"{path}: has {size} bytes, which no file of cameras has; give the file of a rig")
+    with path.open("rb") as stream:
+        head = stream.read(_HEAD)
+    for name, form in FORMATS.items():
+        if form.read is not None and form.recognises(path, head):
+            try:
+                return form.read(path)
+            # Damage shows as whatever the parsers of YAML, JSON, XML and OpenCV stumble over.
+            except (ValueError, LookupError, TypeError, ArithmeticError, msgspec.MsgspecError, yaml.YAMLError,
+                    cv2.error) as error:  # fmt: skip
+                reason = " ".join(str(error).split()) or type(error).__name__
+                raise QuadrigError(f"{path}: cannot be read as {name} ({reason}); write it again") from error
+    raise QuadrigError(
+        f"{path}: is none of the formats that quadrig reads ({', '.join(n for n, f in FORMATS.items() if f.read)}, "
+        "rig.mcap); see docs/formats.md"
+    )
+
+
+def _refuse_unplaced(held: Held, path: Path | str) -> None:
+    without = [name for name in held.lenses if name not in held.poses]
+    if without or not held.lenses:
+        what = f"camera {without[0]!r} has a lens and no pose" if without else "no camera has a lens"
+        raise QuadrigError(f"{path}: {what}; give the file with its {'pose' if without else 'lens'} too")

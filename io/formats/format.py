@@ -1,0 +1,118 @@
+"""What a format of other programs is, and what a file in it says of cameras."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from quadrig.rig.result import CAMERA_PARAMETERS, Camera, Rig
+from quadrig.single.arrays import Floats
+from quadrig.single.errors import QuadrigError
+from quadrig.single.lens import Intrinsics, LensModel
+from quadrig.single.pose import Pose
+from quadrig.single.rotation import nearest_rotation
+
+Files = dict[str, str]
+
+# A rotation written with four decimals is off by less; what is off by more is no rotation, or another convention.
+_ROTATION_TOLERANCE = 1e-3
+# Nearer than this to the identity a camera's frame is the rig's: the last digits of a matrix that was inverted.
+_SAME_FRAME = 1e-9
+# Focal lengths and points of pictures that exist lie below this many pixels.
+_LARGEST = 1e6
+
+
+@dataclass(frozen=True, eq=False)
+class Held:
+    """What one file says: lenses by camera, poses rig_from_camera by camera, and the rig frame's name ("": none).
+
+    rig: the whole of it with its doubt, where the format holds that; the rest is then empty.
+    """
+
+    lenses: Mapping[str, Intrinsics] = field(default_factory=dict)
+    poses: Mapping[str, Pose] = field(default_factory=dict)
+    frame: str = ""
+    rig: Rig | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Options:
+    """What a user may ask of an export. covariance: the joint covariance too, where the format has a place for it."""
+
+    covariance: bool = False
+
+
+@dataclass(frozen=True)
+class Format:
+    """A format: what it is, the function that makes its files by name, and the one that reads a file.
+
+    single: it is one file, of any name. recognises: from a path and the first bytes of its content.
+    """
+
+    what: str
+    write: Callable[[Rig, Options], Files] | None = None
+    single: bool = True
+    read: Callable[[Path], Held] | None = None
+    recognises: Callable[[Path, bytes], bool] = lambda _path, _head: False
+
+
+def lens_of(
+    size: Sequence[float], matrix: Floats, distortion: Sequence[float], where: str, model: LensModel = "pinhole"
+) -> Intrinsics:
+    """The lens of an image size (width, height), camera matrix (3, 3) and OpenCV's coefficients of the model.
+
+    Pixels as ours. Raises QuadrigError where the numbers are none of a lens, or are more than our models hold: skew,
+    or coefficients past k3 of a pinhole and past k4 of a fisheye that are not zero.
+    """
+    matrix, given = np.asarray(matrix, float), np.asarray(distortion, float).ravel()
+    width, height = (int(value) for value in size)
+    if matrix.shape != (3, 3) or not (np.isfinite(matrix).all() and np.isfinite(given).all()):
+        raise QuadrigError(f"{where}: the lens has no nine finite numbers as its camera matrix; write the file again")
+    if not (0 < width < _LARGEST and 0 < height < _LARGEST and 0 < matrix[0, 0] < _LARGEST and matrix[1, 1] > 0):
+        raise QuadrigError(
+            f"{where}: an image of {width} x {height} and focal lengths of {matrix[0, 0]:g} and {matrix[1, 1]:g} px "
+            "are no camera's; write the file again"
+        )
+    if matrix[0, 1] != 0:
+        raise QuadrigError(f"{where}: the camera matrix has a skew of {matrix[0, 1]:g}; quadrig's lenses have none")
+    most = 5 if model == "pinhole" else 4
+    if np.any(given[most:]):
+        raise QuadrigError(
+            f"{where}: the lens has {len(given)} coefficients, {most} of which a {model} lens of quadrig holds; "
+            "calibrate that camera with fewer"
+        )
+    coefficients = np.zeros(5)
+    coefficients[: min(len(given), most)] = given[:most]
+    focal = float(matrix[0, 0])
+    return Intrinsics(width, height, focal, matrix[:2, 2].copy(), coefficients, float(matrix[1, 1]) / focal, model)
+
+
+def camera_matrix(fx: float, fy: float, cx: float, cy: float) -> Floats:
+    """K (3, 3)."""
+    return np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
+
+
+def pose_of(matrix: Floats, where: str) -> Pose:
+    """The pose of a matrix (4, 4) or (3, 4). Raises QuadrigError where it is no rigid motion."""
+    matrix = np.asarray(matrix, float)
+    if matrix.shape not in ((3, 4), (4, 4)) or not np.isfinite(matrix).all():
+        raise QuadrigError(f"{where}: the pose is no matrix of 4 x 4 finite numbers; write the file again")
+    rotation = nearest_rotation(matrix[:3, :3])
+    if np.abs(rotation - matrix[:3, :3]).max() > _ROTATION_TOLERANCE:
+        raise QuadrigError(f"{where}: the pose's 3 x 3 part is no rotation; write the file again")
+    return Pose(rotation, matrix[:3, 3].copy())
+
+
+def rig_of(lenses: Mapping[str, Intrinsics], poses: Mapping[str, Pose], frame: str = "") -> Rig:
+    """A Rig of lenses and poses whose doubt is not known: nan throughout, but for the pose that is the rig frame."""
+    cameras = tuple(Camera(name, lens, poses[name], lens_reason="as imported") for name, lens in lenses.items())
+    covariance = np.full((CAMERA_PARAMETERS * len(cameras),) * 2, np.nan)
+    reference = frame or "world"
+    for index, camera in enumerate(cameras):
+        if np.abs(camera.rig_from_camera.matrix() - np.eye(4)).max() < _SAME_FRAME:
+            rows = slice(CAMERA_PARAMETERS * index + 9, CAMERA_PARAMETERS * (index + 1))
+            covariance[rows] = covariance[:, rows] = 0
+            reference = camera.name
+            break
+    return Rig(reference, cameras, (), covariance)

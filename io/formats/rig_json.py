@@ -1,0 +1,207 @@
+"""Rigs as plain JSON: the format of quadrig's own, for programs of any language."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from quadrig.io.formats.format import Files, Held, Options, lens_of, pose_of, rig_of
+from quadrig.rig.result import CAMERA_PARAMETERS, Camera, PlacedRectangle, Rig
+from quadrig.single.arrays import Floats
+from quadrig.single.errors import QuadrigError
+from quadrig.single.lens import LENS_PARAMETERS, LensModel
+from quadrig.single.markings.registry import marking_values
+
+JSON_VERSION = 1
+"""Raised when a reader of the old file would misread the new one."""
+
+_POSE_STEP = ("rx", "ry", "rz", "tx", "ty", "tz")
+_CONVENTIONS = {
+    "lengths": "metres",
+    "pixels": "the centre of the top-left pixel is (0, 0)",
+    "camera_axes": "x right, y down, z forward",
+    "a_from_b": "4x4, takes coordinates in frame b to coordinates in frame a",
+    "pinhole": "OpenCV's k1 k2 p1 p2 k3",
+    "fisheye": "OpenCV's fisheye (Kannala-Brandt) k1 k2 k3 k4 0",
+    "sigma.lens": "px for focal, cx and cy; aspect is the focal along y over that along x",
+    "sigma.pose": "of a small rotation (rad) and translation (m) that follow rig_from_camera, in the rig frame",
+}
+
+
+class _Sigma(msgspec.Struct):
+    """Standard deviations; null where not known, zero where held."""
+
+    lens: dict[str, float | None] = {}
+    pose: dict[str, float | None] = {}
+    focal_px: float | None = None
+    rotation_deg: float | None = None
+    position_m: float | None = None
+
+
+class _Camera(msgspec.Struct):
+    """Lens and pose of one camera."""
+
+    width: int
+    height: int
+    model: LensModel
+    camera_matrix: list[list[float]]
+    distortion: list[float]
+    rig_from_camera: list[list[float]]
+    sigma: _Sigma = msgspec.field(default_factory=_Sigma)
+    rms_px: float | None = None
+
+
+class _Covariance(msgspec.Struct):
+    """Joint, over the cameras in their order: `order` names the rows, camera and parameter."""
+
+    order: list[tuple[str, str]]
+    matrix: list[list[float | None]]
+
+
+class _File(msgspec.Struct):
+    """A rig. rectangles: width, height (m), marking, and rig_from_rect, one pose or one for each of `framesets`."""
+
+    cameras: dict[str, _Camera]
+    rig_frame: str
+    rectangles: dict[str, dict[str, Any]] = {}
+    working_accuracy_mm: float | None = None
+    covariance: _Covariance | None = None
+    format: str = "quadrig rig"
+    version: int = JSON_VERSION
+    conventions: dict[str, str] = {}
+
+
+def json_files(rig: Rig, options: Options) -> Files:
+    """Everything a program needs, with sigmas, as JSON; what is not determined is null."""
+    return {"rig.json": json_text(rig_values(rig, covariance=options.covariance)) + "\n"}
+
+
+def json_schema() -> dict[str, Any]:
+    """The JSON Schema of these files."""
+    return msgspec.json.schema(_File)
+
+
+def is_rig_json(_path: Path, head: bytes) -> bool:
+    """Whether a file begins like ours."""
+    return head.lstrip()[:1] == b"{" and b'"rig_frame"' in head
+
+
+def read_json(path: Path) -> Held:
+    """The Rig of our JSON. What doubt the file does not state is nan: all but the diagonal, where there are sigmas
+    and no covariance. Raises QuadrigError where a newer quadrig wrote it."""
+    held = msgspec.json.decode(path.read_bytes(), type=_File)
+    if held.version > JSON_VERSION:
+        raise QuadrigError(f"{path}: has version {held.version}, this quadrig reads up to {JSON_VERSION}; upgrade it")
+    lenses, poses = {}, {}
+    for name, camera in held.cameras.items():
+        where, size = f"{path}: camera {name!r}", (camera.width, camera.height)
+        matrix, distortion = np.array(camera.camera_matrix, float), camera.distortion
+        lenses[name] = lens_of(size, matrix, distortion, where, camera.model)
+        poses[name] = pose_of(np.array(camera.rig_from_camera, float), where)
+    rig = rig_of(lenses, poses, held.rig_frame)
+    accuracy = np.nan if held.working_accuracy_mm is None else held.working_accuracy_mm / 1e3
+    rms = [np.nan if camera.rms_px is None else camera.rms_px for camera in held.cameras.values()]
+    cameras = tuple(replace(camera, rms=value) for camera, value in zip(rig.cameras, rms, strict=True))
+    covariance = _stated_covariance(held, path)
+    return Held(rig=replace(rig, cameras=cameras, covariance=covariance, working_accuracy=accuracy))
+
+
+def json_text(values: object) -> str:
+    """JSON of nested values and arrays; JSON has no nan and no infinity, which become null."""
+    return json.dumps(_plain(values), indent=2)
+
+
+def rig_values(rig: Rig, *, covariance: bool = False) -> dict[str, Any]:
+    """The values of the JSON export: poses 4x4 in the rig frame, metres; sigma in px, degrees, metres."""
+    values = {
+        "format": "quadrig rig",
+        "version": JSON_VERSION,
+        "conventions": _CONVENTIONS,
+        "rig_frame": rig.reference,
+        "cameras": {camera.name: _camera_values(rig, camera) for camera in rig.cameras},
+        "working_accuracy_mm": 1e3 * rig.working_accuracy,
+        "rectangles": {placed.name: _rectangle_values(placed) for placed in rig.rectangles},
+    }
+    if not covariance:
+        return values
+    order = [(camera.name, name) for camera in rig.cameras for name in _parameters(camera.intrinsics.model)]
+    return {**values, "covariance": {"order": order, "matrix": rig.covariance}}
+
+
+def _parameters(model: LensModel) -> tuple[str, ...]:
+    """The names of a camera's rows of the covariance, those of its lens as its model calls them."""
+    renamed = {"p1": "k3", "p2": "k4", "k3": "unused"} if model == "fisheye" else {}
+    return (*(renamed.get(name, name) for name in LENS_PARAMETERS), *_POSE_STEP)
+
+
+def _camera_values(rig: Rig, camera: Camera) -> dict[str, Any]:
+    lens = camera.intrinsics
+    start = rig.camera_index(camera.name) * CAMERA_PARAMETERS
+    sigmas = np.sqrt(np.diag(rig.covariance)[start : start + CAMERA_PARAMETERS])
+    stated = dict(zip(_parameters(lens.model), sigmas, strict=True))
+    return {
+        "width": lens.width,
+        "height": lens.height,
+        "model": lens.model,
+        "camera_matrix": lens.camera_matrix,
+        "distortion": lens.distortion,
+        "rig_from_camera": camera.rig_from_camera.matrix(),
+        "sigma": {
+            "focal_px": rig.focal_sigma(camera.name),
+            "rotation_deg": np.degrees(rig.rotation_sigma(camera.name)),
+            "position_m": rig.position_sigma(camera.name),
+            "lens": {name: sigma for name, sigma in stated.items() if name not in _POSE_STEP},
+            "pose": {name: stated[name] for name in _POSE_STEP},
+        },
+        "rms_px": camera.rms,
+    }
+
+
+def _rectangle_values(placed: PlacedRectangle) -> dict[str, Any]:
+    values = {
+        "width": placed.rectangle.width,
+        "height": placed.rectangle.height,
+        "marking": marking_values(placed.rectangle.marking),
+        "rig_from_rect": placed.rig_from_rect.matrix(),
+    }
+    return {**values, "framesets": np.asarray(placed.framesets)} if placed.rectangle.moving else values
+
+
+def _stated_covariance(held: _File, path: Path) -> Floats:
+    """(15 C, 15 C) as the file states it; nan where it does not, zero along what is held."""
+    size = CAMERA_PARAMETERS * len(held.cameras)
+    if held.covariance is not None:
+        matrix = np.array(held.covariance.matrix, float)
+        order = [(name, each) for name, camera in held.cameras.items() for each in _parameters(camera.model)]
+        if matrix.shape != (size, size) or held.covariance.order != order:
+            raise QuadrigError(f"{path}: the covariance is not that of its cameras in their order; write it again")
+        return matrix
+    sigmas = np.array(
+        [_sigma(camera.sigma, name) for camera in held.cameras.values() for name in _parameters(camera.model)]
+    )
+    covariance = np.full((size, size), np.nan)
+    np.fill_diagonal(covariance, sigmas**2)
+    covariance[sigmas == 0] = covariance[:, sigmas == 0] = 0
+    return covariance
+
+
+def _sigma(sigma: _Sigma, name: str) -> float:
+    value = (sigma.pose if name in _POSE_STEP else sigma.lens).get(name)
+    return np.nan if value is None else value
+
+
+def _plain(value: object) -> object:
+    match value:
+        case dict():
+            return {key: _plain(item) for key, item in value.items()}
+        case np.ndarray():
+            return _plain(value.tolist())
+        case list() | tuple():
+            return [_plain(item) for item in value]
+        case float() | np.floating():
+            return float(value) if np.isfinite(value) else None
+        case _:
+            return value

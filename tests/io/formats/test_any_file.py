@@ -1,0 +1,123 @@
+"""Rigs and lenses come back from files of every format, and what is wrong with a file is one sentence."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from quadrig.io.formats.any_file import read_any_lenses, read_any_rig
+from quadrig.io.formats.format import Options
+from quadrig.io.formats.registry import FORMATS, export_files
+from quadrig.io.rig_file.rig_mcap import write_rig
+from quadrig.rig.result import Rig
+from quadrig.single.errors import QuadrigError
+
+POINTS = np.array([[0.1, 0.2, 1.9], [-0.3, 0.1, 2.2], [0.2, -0.2, 2.0]])
+
+
+def pixels(rig: Rig) -> dict[str, np.ndarray]:
+    """The points, given in the first camera's frame, in every picture."""
+    points = rig.cameras[0].rig_from_camera.transform(POINTS)
+    return {one.name: one.intrinsics.project(one.rig_from_camera.inverse().transform(points)) for one in rig.cameras}
+
+
+def written(tmp_path, rig, name, **options):
+    paths = [tmp_path / file for file in export_files(rig, name, Options(**options))]
+    for path, text in zip(paths, export_files(rig, name, Options(**options)).values(), strict=True):
+        path.write_text(text)
+    return paths
+
+
+@pytest.fixture
+def fisheyes(example_rig):
+    """The same rig seen through fisheye lenses."""
+    curved = [replace(one.intrinsics, model="fisheye", distortion=np.array([0.05, -0.02, 0.01, -0.003, 0.0]))
+              for one in example_rig.cameras]  # fmt: skip
+    cameras = [replace(one, intrinsics=lens) for one, lens in zip(example_rig.cameras, curved, strict=True)]
+    return replace(example_rig, cameras=tuple(cameras))
+
+
+@pytest.mark.parametrize("lens", ["pinhole", "fisheye"])
+@pytest.mark.parametrize("name", [name for name, form in FORMATS.items() if form.read and form.write])
+def test_a_rig_comes_back(name, lens, example_rig, fisheyes, tmp_path):
+    rig = example_rig if lens == "pinhole" else fisheyes
+    again = read_any_rig(*written(tmp_path, rig, name))
+    assert again.reference == rig.reference
+    expected = pixels(rig)
+    for camera, found in pixels(again).items():
+        np.testing.assert_allclose(found, expected[camera], rtol=0, atol=1e-6)
+
+
+def test_rig_mcap_is_read_too(example_rig, tmp_path):
+    write_rig(tmp_path / "rig.mcap", example_rig)
+    np.testing.assert_array_equal(read_any_rig(tmp_path / "rig.mcap").covariance, example_rig.covariance)
+
+
+def test_what_a_file_does_not_say_is_not_a_number(example_rig, tmp_path):
+    again = read_any_rig(*written(tmp_path, example_rig, "kalibr"))
+    assert np.isnan(again.focal_sigma("cam1"))
+    assert np.isnan(again.position_sigma("cam1"))
+    assert again.position_sigma("cam0") == 0
+    [lens] = [known for name, known in read_any_lenses(tmp_path / "camchain.yaml").items() if name == "cam2"]
+    assert np.isnan(lens.covariance).all()
+
+
+def test_json_holds_sigmas_and_the_covariance_where_asked(example_rig, tmp_path):
+    [path] = written(tmp_path, example_rig, "json")
+    again = read_any_rig(path)
+    np.testing.assert_allclose(np.diag(again.covariance), np.diag(example_rig.covariance), rtol=1e-12)
+    assert again.position_sigma("cam1") == pytest.approx(example_rig.position_sigma("cam1"))
+    assert np.isnan(again.relative_covariance("cam1", "cam2")).any()
+    [path] = written(tmp_path, example_rig, "json", covariance=True)
+    np.testing.assert_array_equal(read_any_rig(path).covariance, example_rig.covariance)
+
+
+def test_one_lens_as_the_calibration_sample_of_opencv_writes_it(tmp_path):
+    path = tmp_path / "left.yml"
+    path.write_text(
+        "%YAML:1.0\n---\nimage_width: 640\nimage_height: 480\n"
+        "camera_matrix: !!opencv-matrix\n   rows: 3\n   cols: 3\n   dt: d\n"
+        "   data: [ 536.5, 0., 342.25, 0., 536.75, 235.5, 0., 0., 1. ]\n"
+        "distortion_coefficients: !!opencv-matrix\n   rows: 5\n   cols: 1\n   dt: d\n"
+        "   data: [ -0.28, 0.1, 1.5e-3, -2e-4, 0.01 ]\n"
+    )
+    lens = read_any_lenses(path)["left"].intrinsics
+    assert (lens.width, lens.height, lens.focal, lens.model) == (640, 480, 536.5, "pinhole")
+    np.testing.assert_array_equal(lens.camera_matrix[1], [0, 536.75, 235.5])
+    np.testing.assert_array_equal(lens.distortion, [-0.28, 0.1, 1.5e-3, -2e-4, 0.01])
+    with pytest.raises(QuadrigError, match="'left' has a lens and no pose"):
+        read_any_rig(path)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "sentence"),
+    [
+        ("empty.yml", b"", "0 bytes"),
+        ("rig.json", b'{"rig_frame": "cam0", "cameras": {"cam0": {"width": 6', "cannot be read as json"),
+        ("rig.json", b'{"rig_frame": "cam0", "cameras": {"cam0": {"width": "wide"}}}', r"cameras\[...\]"),
+        ("rig.json", b'{"rig_frame": "cam0", "version": 99, "cameras": {}}', "upgrade"),
+        ("rig.yml", b"%YAML:1.0\n---\ncamera_matrix: !!opencv-mat", "rig.yml"),
+        ("chain.yaml", b"cam0:\n  camera_model: omni\n  intrinsics: [1, 700, 700, 320, 240]\n"
+                       b"  resolution: [640, 480]\n", "pinhole-radtan"),
+        ("chain.yaml", b"cam0:\n  camera_model: pinhole\n  intrinsics: [700, 700\n", "cannot be read as kalibr"),
+        ("notes.txt", b"nothing of the kind", "none of the formats"),
+        ("picture.yml", b"\x89PNG\r\n\x1a\n\x00\xff\xfe", "none of the formats"),
+    ],
+)  # fmt: skip
+def test_what_is_wrong_is_one_sentence(name, content, sentence, tmp_path, capfd):
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(QuadrigError, match=sentence) as caught:
+        read_any_rig(tmp_path / name)
+    assert str(tmp_path / name) in str(caught.value)
+    assert "\n" not in str(caught.value)
+    assert capfd.readouterr() == ("", "")
+
+
+def test_lenses_that_quadrig_does_not_have_are_refused(example_rig, tmp_path):
+    [path] = written(tmp_path, example_rig, "json")
+    values = json.loads(path.read_text())
+    values["cameras"]["cam1"]["distortion"] = [0.1, 0, 0, 0, 0, 0.2, 0, 0]
+    path.write_text(json.dumps(values))
+    with pytest.raises(QuadrigError, match="camera 'cam1': the lens has 8 coefficients"):
+        read_any_rig(path)
