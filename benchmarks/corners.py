@@ -1,6 +1,6 @@
 """Corners in the real world: how far from the truth and from their own sigma, under blur, noise and tone curves.
 
-python -m benchmarks corners [tag|charuco|chessboard|sheet|all] [grid|mixed|tables] [Views]
+python -m benchmarks corners [tag|charuco|aprilgrid|chessboard|sheet|all] [grid|mixed|tables] [Views]
 
 grid: one line for each blur and tone curve at noise 2 and JPEG 90. mixed: blur 0.5 to 2.5 px, noise 1 to 8 grey
 levels, gamma 1 to 2.6, JPEG 75 to 95, uneven light, drawn for each View. Shift: mean by which corners lie outside
@@ -18,6 +18,7 @@ import numpy as np
 from quadrig.single.arrays import Floats, Picture
 from quadrig.single.detect.image_search import detect_views
 from quadrig.single.lens import Intrinsics
+from quadrig.single.markings.april_grid import AprilGridMarking
 from quadrig.single.markings.blank_sheet import PlainMarking
 from quadrig.single.markings.charuco import CharucoMarking
 from quadrig.single.markings.chessboard import ChessboardMarking
@@ -34,6 +35,7 @@ GRID = ray_grid(LENS)
 MARKED = {
     "tag": Rectangle("tag", 0.16, 0.16, TagMarking("apriltag_36h11", 5)),
     "charuco": Rectangle("board", 0.25, 0.2, CharucoMarking(5, 4, 0.05, 0.038, "aruco_4x4_50")),
+    "aprilgrid": Rectangle("april", 0.2835, 0.216, AprilGridMarking(4, 3, 0.054, 0.25)),
     "chessboard": Rectangle("chess", 0.28, 0.24, ChessboardMarking(7, 6, 0.04)),
     "sheet": Rectangle("sheet", 0.297, 0.21, PlainMarking()),
 }

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from quadrig.single.lens import Intrinsics as Intrinsics
     from quadrig.single.lens import project as project
     from quadrig.single.lens import unproject as unproject
+    from quadrig.single.markings.april_grid import AprilGridMarking as AprilGridMarking
     from quadrig.single.markings.blank_sheet import PlainMarking as PlainMarking
     from quadrig.single.markings.boards import board_points as board_points
     from quadrig.single.markings.charuco import CharucoMarking as CharucoMarking
@@ -61,6 +62,7 @@ _MODULE_OF = {
     "LENS_PARAMETERS": "lens",
     "project": "lens",
     "unproject": "lens",
+    "AprilGridMarking": "markings.april_grid",
     "PlainMarking": "markings.blank_sheet",
     "board_points": "markings.boards",
     "CharucoMarking": "markings.charuco",

@@ -32,10 +32,12 @@ FoundTags = Mapping[int, Sequence[Floats]]
 
 
 class TagFamily(NamedTuple):
-    """Tags that one search finds: of a dictionary, by its canonical name, black on white or inverted."""
+    """Tags that one search finds: of a dictionary, by its canonical name, black on white or inverted, with a border
+    of so many cells."""
 
     dictionary: str
     inverted: bool = False
+    border: int = 1
 
 
 @dataclass(frozen=True)

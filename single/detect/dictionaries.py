@@ -45,10 +45,11 @@ def dictionary_size(name: str) -> int:
     return len(tag_dictionary(name).bytesList)
 
 
-def tag_cells(name: str, tag_id: int) -> Mask:
-    """Which cells (n, n) of a tag are white, its black border included."""
+def tag_cells(name: str, tag_id: int, border: int = 1) -> Mask:
+    """Which cells (n, n) of a tag are white, its black border of so many cells included."""
     dictionary = tag_dictionary(name)
-    return np.asarray(cv2.aruco.generateImageMarker(dictionary, tag_id, dictionary.markerSize + 2)) > 127
+    side = dictionary.markerSize + 2 * border
+    return np.asarray(cv2.aruco.generateImageMarker(dictionary, tag_id, side, borderBits=border)) > 127
 
 
 def check_tag_ids(name: str, *tag_ids: int) -> None:

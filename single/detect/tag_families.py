@@ -29,5 +29,6 @@ def search_tags(grey: Picture, members: Sequence[Rectangle], *, quick: bool = Fa
         return {}
     ids = [tags.ids for tags in borne]
     boards = [board for board in ids if len(board) > 1]
-    dictionary, inverted = borne[0].family
-    return find_tags(255 - grey if inverted else grey, dictionary, frozenset().union(*ids), boards, quick)
+    family = borne[0].family
+    looked_at = 255 - grey if family.inverted else grey
+    return find_tags(looked_at, family.dictionary, frozenset().union(*ids), boards, quick, family.border)

@@ -32,13 +32,15 @@ class TaggedBoard:
     """A board as its printer knows it, metres.
 
     corners (P, 2): where four squares meet; signs (P,): 1 where the square at the top left of a corner is dark, -1
-    where it is light. square: side of a square; clear: share of it around the squares' edges that is free of print.
+    where it is light. square: the board's own step; cell: side of the smallest of the squares around a corner; clear:
+    share of it around the squares' edges that is free of print.
     tags: corners (4, 2) of each tag by its id, top left first and clockwise.
     """
 
     corners: Floats
     signs: Ints
     square: float
+    cell: float
     clear: float
     tags: Mapping[int, Floats]
 
@@ -136,7 +138,7 @@ def _predict(
 ) -> tuple[Floats, Floats, Mask]:
     """Where the board's corners should appear, by the homography of the known points nearest to each.
 
-    Returns places (P, 2) px, axes (P, 2, 2) px of one square's sides, and which places are within reach (in squares)
+    Returns places (P, 2) px, axes (P, 2, 2) px of one cell's sides, and which places are within reach (in squares)
     of known points.
     """
     points, square = board.corners, board.square
@@ -153,7 +155,7 @@ def _predict(
     homography = np.where(far[:, None, None], whole, local)
     seen = mapped(homography, np.array([[0, 0], [0.25, 0], [-0.25, 0], [0, 0.25], [0, -0.25]]))
     places = seen[:, 0]
-    axes = 2 * np.stack([seen[:, 1] - seen[:, 2], seen[:, 3] - seen[:, 4]], axis=1)
+    axes = 2 * board.cell / square * np.stack([seen[:, 1] - seen[:, 2], seen[:, 3] - seen[:, 4]], axis=1)
     known_well = np.all(np.isfinite(seen), axis=(1, 2))
     places = np.where(known_well[:, None], places, -1e3)
     axes = np.where(known_well[:, None, None], axes, np.eye(2))
@@ -199,7 +201,7 @@ def _smooth(board: TaggedBoard, pixels: Floats, good: Mask) -> Mask:
     near = np.argsort(distance, axis=1, kind="stable")[:, : min(8, len(index) - 1)]
     local = local_homographies(place[near] - place[:, None], pixels[index][near])
     with np.errstate(invalid="ignore"):
-        side = np.sqrt(np.abs(np.linalg.det(local[:, :2, :2])))
+        side = board.cell / board.square * np.sqrt(np.abs(np.linalg.det(local[:, :2, :2])))
     error = np.linalg.norm(local[:, :2, 2] - pixels[index], axis=1)
     # Extrapolating by a square through a strongly distorted lens misses by some per cent of a square; where the
     # neighbours fix no homography (nan) there is no evidence against the corner.

@@ -5,25 +5,20 @@ from typing import ClassVar, Self
 
 import numpy as np
 
-from quadrig.single.arrays import Floats, Picture
+from quadrig.single.arrays import Floats
 from quadrig.single.detect.dictionaries import canonical_dictionary, check_tag_ids
-from quadrig.single.detect.pictures import window_around
 from quadrig.single.detect.tag import EQ4_FROM_OPENCV
-from quadrig.single.detect.tag_families import search_tags
-from quadrig.single.detect.tagged_board import TaggedBoard, find_board
+from quadrig.single.detect.tagged_board import TaggedBoard
 from quadrig.single.errors import QuadrigError
 from quadrig.single.markings.boards import BoardMarking, board_points, check_length
-from quadrig.single.markings.tag import ROUGH_SIGMA, tag_patches
+from quadrig.single.markings.tag import tag_patches
+from quadrig.single.markings.tagged import TaggedMarking
 from quadrig.single.patch import INK, PAPER, Patch
-from quadrig.single.rectangle import FoundTags, Rectangle, TagFamily, Tags, rectangle_corners
-from quadrig.single.view import View
-
-# Fewest tags of a board that distinguish it from somebody else's.
-_LEAST_TAGS = 2
+from quadrig.single.rectangle import Rectangle, TagFamily, Tags, rectangle_corners
 
 
 @dataclass(frozen=True)
-class CharucoMarking(BoardMarking):
+class CharucoMarking(TaggedMarking, BoardMarking):
     """A ChArUco board of columns x rows squares of side `square`, tags of side `marker`, metres.
 
     legacy: OpenCV's pattern before 4.6 (a board of even rows starts with a tag). inverted: white on black.
@@ -54,10 +49,6 @@ class CharucoMarking(BoardMarking):
         return f"a ChArUco board of {self.dictionary}"
 
     @property
-    def not_found(self) -> str:
-        return f"{self.description} was not found; show some of its tags whole and sharp, and the sheet flat"
-
-    @property
     def starts_with_tag(self) -> bool:
         """Whether the top left square of the board holds a tag instead of ink."""
         return self.legacy and self.rows % 2 == 0
@@ -73,6 +64,19 @@ class CharucoMarking(BoardMarking):
         ids = frozenset(range(self.first_id, self.first_id + len(self.tag_squares)))
         return Tags(TagFamily(self.dictionary, self.inverted), ids)
 
+    @property
+    def board(self) -> TaggedBoard:
+        row, column = np.indices((self.rows - 1, self.columns - 1))
+        first = -1 if self.starts_with_tag != self.inverted else 1
+        return TaggedBoard(
+            board_points(self.columns, self.rows, self.square)[:, :2],
+            (first * (1 - 2 * ((row + column) % 2))).ravel(),
+            self.square,
+            self.square,
+            (1 - self.marker / self.square) / 2,
+            self._tag_corners(),
+        )
+
     def scaled(self, scale: float, /) -> Self:
         return replace(super().scaled(scale), marker=round(self.marker * scale, 6))
 
@@ -83,26 +87,6 @@ class CharucoMarking(BoardMarking):
             patches += tag_patches(self.dictionary, self.first_id + offset, self.middle_of(*square), side)
         return [replace(p, tone=INK + PAPER - p.tone) for p in patches] if self.inverted else patches
 
-    def find(self, grey: Picture, rectangle: Rectangle, found: FoundTags, /) -> View | None:
-        corners = find_board(grey, self._board(), found)
-        if corners is None:
-            return None
-        return View(rectangle.name, self.points(rectangle)[corners.index], corners.pixels, sigma=corners.sigma)
-
-    def follow(self, grey: Picture, rectangle: Rectangle, before: View, /) -> View | None:
-        window, start = window_around(grey, before.pixels)
-        # A board in motion is so blurred that only the slower passes find its tags; its window is small.
-        found = search_tags(window, [rectangle])
-        return self.find(grey, rectangle, {tag: [quad + start for quad in quads] for tag, quads in found.items()})
-
-    def rough(self, rectangle: Rectangle, found: FoundTags, /) -> View | None:
-        seen = [(tag, corners) for tag, corners in self._tag_corners().items() if len(found.get(tag, [])) == 1]
-        if len(seen) < _LEAST_TAGS:
-            return None
-        points = np.concatenate([np.pad(corners[EQ4_FROM_OPENCV], ((0, 0), (0, 1))) for _, corners in seen])
-        pixels = np.concatenate([found[tag][0][EQ4_FROM_OPENCV] for tag, _ in seen])
-        return View(rectangle.name, points, pixels, sigma=ROUGH_SIGMA)
-
     def _tag_corners(self) -> dict[int, Floats]:
         """Corners (4, 2) metres of each tag by its id, top left first."""
         square = rectangle_corners(self.marker, self.marker)[EQ4_FROM_OPENCV, :2]
@@ -110,14 +94,3 @@ class CharucoMarking(BoardMarking):
             self.first_id + offset: square + self.middle_of(column, row)
             for offset, (column, row) in enumerate(self.tag_squares)
         }
-
-    def _board(self) -> TaggedBoard:
-        row, column = np.indices((self.rows - 1, self.columns - 1))
-        first = -1 if self.starts_with_tag != self.inverted else 1
-        return TaggedBoard(
-            board_points(self.columns, self.rows, self.square)[:, :2],
-            (first * (1 - 2 * ((row + column) % 2))).ravel(),
-            self.square,
-            (1 - self.marker / self.square) / 2,
-            self._tag_corners(),
-        )

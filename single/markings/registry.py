@@ -6,6 +6,7 @@ from types import MappingProxyType
 from typing import Any, TypeVar
 
 from quadrig.single.errors import QuadrigError
+from quadrig.single.markings.april_grid import AprilGridMarking
 from quadrig.single.markings.blank_sheet import PlainMarking
 from quadrig.single.markings.charuco import CharucoMarking
 from quadrig.single.markings.chessboard import ChessboardMarking
@@ -27,7 +28,7 @@ def register(kind: Kind) -> Kind:
     return kind
 
 
-for _kind in (TagMarking, CharucoMarking, ChessboardMarking, PlainMarking, PointsMarking):
+for _kind in (TagMarking, CharucoMarking, AprilGridMarking, ChessboardMarking, PlainMarking, PointsMarking):
     register(_kind)
 
 

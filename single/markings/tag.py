@@ -6,7 +6,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from quadrig.single.arrays import Floats, Picture
+from quadrig.single.arrays import Floats, Mask, Picture
 from quadrig.single.detect.dictionaries import canonical_dictionary, check_tag_ids, tag_cells
 from quadrig.single.detect.tag import EQ4_FROM_OPENCV, reads_as, refine_tags, toned_corners
 from quadrig.single.patch import INK, PAPER, Patch
@@ -107,7 +107,11 @@ def _fitted(grey: Picture, members: Sequence[Rectangle], rough: Mapping[str, Flo
 
 def tag_patches(dictionary: str, tag_id: int, middle: tuple[float, float], size: tuple[float, float]) -> list[Patch]:
     """Runs of white cells on one black rectangle; middle and size in metres."""
-    cells = tag_cells(dictionary, tag_id)
+    return cell_patches(tag_cells(dictionary, tag_id), middle, size)
+
+
+def cell_patches(cells: Mask, middle: tuple[float, float], size: tuple[float, float]) -> list[Patch]:
+    """The patches of a tag of these cells (n, n), true where they are white."""
     steps = np.arange(len(cells) + 1) / len(cells) - 0.5
     edges_x, edges_y = (middle[0] + size[0] * steps).tolist(), (middle[1] + size[1] * steps).tolist()
     patches = [Patch(edges_x[0], edges_y[0], edges_x[-1], edges_y[-1], INK)]

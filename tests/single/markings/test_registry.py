@@ -17,6 +17,7 @@ from quadrig.single.render.marking_image import marking_patches
 EXAMPLES = {
     "tag": {"dictionary": "apriltag_36h11", "id": 5},
     "charuco": {"columns": 5, "rows": 4, "square": 0.05, "marker": 0.038, "dictionary": "aruco_4x4_50"},
+    "aprilgrid": {"columns": 4, "rows": 3, "tag": 0.05, "spacing": 0.3},
     "chessboard": {"columns": 7, "rows": 5, "square": 0.04},
 }
 
@@ -51,7 +52,7 @@ def test_what_is_not_found_is_named_with_advice(kind):
     assert "was not found; show" in marked(kind).marking.not_found
 
 
-@pytest.mark.parametrize("kind", ["charuco", "chessboard"])
+@pytest.mark.parametrize("kind", ["charuco", "aprilgrid", "chessboard"])
 def test_a_printers_scale_changes_all_lengths_of_a_board_alike(kind):
     marking = marked(kind).marking
     assert marking.size is not None
