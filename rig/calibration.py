@@ -12,6 +12,8 @@ from quadrig.rig.problem.build import Problem, build_problem
 from quadrig.rig.problem.camera_input import CameraInput
 from quadrig.rig.problem.connectivity import components, missing_cameras, refuse
 from quadrig.rig.result import Rig
+from quadrig.rig.start.in_step import groups_in_step
+from quadrig.rig.start.lenses_and_poses import first_cameras
 from quadrig.single.errors import QuadrigError
 from quadrig.single.rectangle import Rectangle
 from quadrig.single.view import View
@@ -23,54 +25,75 @@ def calibrate(
     views: Sequence[View],
     reference: str | None = None,
 ) -> Rig:
-    """The rig that the Views of these cameras and rectangles show.
+    """The rig that the Views of these cameras and rectangles show; of one camera it is its lens.
 
     reference: the camera, or the rectangle, whose frame is the rig frame (the world's, where the rectangle is
     surveyed); the first camera that can be placed where None. Cameras that share nothing with the largest rig are
-    not placed, and named in Rig.missing. Raises QuadrigError where no two cameras can be brought into one frame.
+    not placed: Rig.missing says why, and Rig.apart has their lenses. Raises QuadrigError where nothing was seen, or
+    the Views determine no camera.
     """
     whole = build_problem(cameras, rectangles, views)
-    kept = _largest(whole, reference)
-    try:
-        solved = _solve(whole, kept, cameras, reference)
-    except np.linalg.LinAlgError:
+    if not whole.views:
+        raise refuse(whole)
+    named = _reference(whole, cameras, reference)
+    order = [camera.name for camera in cameras]
+    rigs = _rigs(whole, order, named)
+    if not rigs:
         raise QuadrigError(
             f"the {len(whole.views)} Views of {len(whole.cameras)} cameras do not determine a rig; "
             "show more rectangles, tilted, to more cameras at once"
-        ) from None
-    if not isinstance(solved, Contradicted):
-        return solved
-    agreeing = [camera for camera in cameras if camera.name not in solved.names]
-    if len(agreeing) < 2:
-        raise QuadrigError(solved.sentence)
-    seen = [view for view in views if view.camera not in solved.names]
-    rig = calibrate(agreeing, rectangles, seen, reference if reference not in solved.names else None)
-    said = "what it shares with the other cameras contradicts them; check its clock, and that it looks at this rig"
-    return replace(rig, missing={**rig.missing, **{name: f"{name}: {said}" for name in solved.names}})
+        )
+    first, *apart = sorted(rigs, key=lambda rig: _rank(rig, order, named))
+    if named in whole.rectangles and first.reference != named:
+        raise QuadrigError(
+            f"reference {named!r} was seen by no camera of the rig; show it, or take another reference"
+        )
+    placed = [index for index, camera in enumerate(whole.cameras) if camera.name in {c.name for c in first.cameras}]
+    return replace(first, missing=missing_cameras(whole, placed), apart=tuple(apart))
 
 
-def _solve(
-    whole: Problem, kept: list[int], cameras: Sequence[CameraInput], reference: str | None
-) -> Rig | Contradicted:
-    missing = missing_cameras(whole, kept)
-    problem = _of_cameras(whole, kept)
-    name = _reference(problem, cameras, reference)
-    solved = solve_with_clocks(problem, name)
-    if isinstance(solved, Contradicted):
-        return solved
-    order = [c.name for c in cameras]
-    covariance = camera_covariance(solved.joint, solved.joint.covariance)
-    return assemble_rig(solved.problem, solved.joint, solved.first, covariance, name, missing, order)
+def _rigs(problem: Problem, order: Sequence[str], reference: str | None) -> list[Rig]:
+    """A rig for each group of cameras that share rectangles and agree; none for one whose Views determine nothing."""
+    rigs: list[Rig] = []
+    for group in components(problem):
+        part = _of_cameras(problem, group)
+        if not part.views:
+            continue
+        placed = [name for name in order if name in {camera.name for camera in part.cameras}]
+        frame = reference if reference is not None and _has_frame(part, reference) else placed[0]
+        try:
+            solved = solve_with_clocks(part, frame)
+        except np.linalg.LinAlgError:
+            continue
+        if isinstance(solved, Contradicted) or solved.joint.adjustment.state.slack is not None:
+            together = groups_in_step(part, first_cameras(part).candidates)
+            if len(together) > 1:
+                for own in together:
+                    rigs += _rigs(_of_cameras(part, own), order, reference)
+                continue
+        if isinstance(solved, Contradicted):
+            # What contradicts the others is solved without them, and they without it.
+            numbers = range(len(part.cameras))
+            for loose in (False, True):
+                own = [i for i in numbers if (part.cameras[i].name in solved.names) is loose]
+                rigs += _rigs(_of_cameras(part, own), order, reference)
+            continue
+        covariance = camera_covariance(solved.joint, solved.joint.covariance)
+        rigs.append(assemble_rig(solved.problem, solved.joint, solved.first, covariance, frame, placed))
+    return rigs
 
 
-def _largest(problem: Problem, reference: str | None) -> list[int]:
-    """Indices of the cameras of the largest rig; of equals the one with the reference, then the first by name."""
-    groups = components(problem)
-    groups = [g for g in groups if len(g) >= 2]
-    if not groups:
-        raise refuse(problem)
-    named = [i for i, camera in enumerate(problem.cameras) if camera.name == reference]
-    return max(groups, key=lambda g: (len(g), bool(set(named) & set(g)), [-i for i in g]))
+def _has_frame(problem: Problem, reference: str) -> bool:
+    """Whether a camera or a rectangle of that name can be the frame of this problem's rig."""
+    if reference in {camera.name for camera in problem.cameras}:
+        return True
+    return reference in problem.rectangles and problem.frame_node(reference) is not None
+
+
+def _rank(rig: Rig, order: Sequence[str], reference: str | None) -> tuple[int, bool, int]:
+    """The largest rig comes first; of equals the one with the reference, then the one with the first camera."""
+    names = [camera.name for camera in rig.cameras]
+    return -len(names), rig.reference != reference, min(order.index(name) for name in names)
 
 
 def _of_cameras(problem: Problem, kept: list[int]) -> Problem:
@@ -84,12 +107,9 @@ def _of_cameras(problem: Problem, kept: list[int]) -> Problem:
     )
 
 
-def _reference(problem: Problem, cameras: Sequence[CameraInput], reference: str | None) -> str:
-    """The reference's name; the first camera of the rig where the one asked for took no part in it."""
-    placed = [camera.name for camera in problem.cameras]
-    if reference is None or (reference in {c.name for c in cameras} and reference not in placed):
-        return next(camera.name for camera in cameras if camera.name in placed)
-    if reference in placed:
+def _reference(problem: Problem, cameras: Sequence[CameraInput], reference: str | None) -> str | None:
+    """The reference as it was asked for. Raises QuadrigError where it is nothing that can be one."""
+    if reference is None or reference in {camera.name for camera in cameras}:
         return reference
     if reference not in problem.rectangles:
         raise QuadrigError(

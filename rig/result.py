@@ -90,6 +90,8 @@ class Rig:
     dispersion: what all covariances have been multiplied by, because parts of the recording disagree on the cameras
     by more than noise explains; 1 where they do not.
     missing: a sentence for each camera that could not be placed, by name. weak: what is weak, in words.
+    apart: what is known of those cameras all the same, their lenses above all: rigs of their own, often of one
+    camera, each in a frame of its own that nothing ties to this one.
     """
 
     reference: str
@@ -105,6 +107,12 @@ class Rig:
     weak: tuple[str, ...] = ()
     costs: tuple[float, ...] = ()
     dispersion: float = 1.0
+    apart: tuple["Rig", ...] = ()
+
+    @property
+    def lens_only(self) -> tuple[tuple["Rig", Camera], ...]:
+        """The cameras that have a lens here but no pose in this rig, each with the rig apart that has it."""
+        return tuple((rig, camera) for rig in self.apart for camera in rig.cameras)
 
     def __repr__(self) -> str:
         """A few lines: what it is good for, its cameras, its rectangles, and how well the Views agree."""

@@ -53,8 +53,9 @@ def calibrate(
     """Calibrate the cameras of a recording.
 
     Finds the rectangles of rig.toml in every image, solves lenses and poses together, with how sure each is, and
-    writes rig.mcap. Cameras that share no rectangle with the others are not placed, and the reason is given. What was
-    found is kept in rig.detections.mcap: the same command does not search again what was searched, also after Ctrl-C.
+    writes rig.mcap. Cameras that share no rectangle with the others are not placed: the reason is given, and they
+    have their lens all the same, as one camera alone has. What was found is kept in rig.detections.mcap: the same
+    command does not search again what was searched, also after Ctrl-C.
 
     Example: rig calibrate room.mcap --config rig.toml -o rig.mcap
 

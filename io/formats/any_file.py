@@ -49,8 +49,8 @@ def read_any_lenses(*paths: Path | str) -> dict[str, KnownLens]:
     """The lenses of cameras by name, from the same files, which may lack poses. Errors are those of read_any_rig."""
     held = _read_all(paths)
     if held.rig is not None:
-        rig = held.rig
-        return {one.name: KnownLens(one.intrinsics, rig.lens_covariance(one.name)) for one in rig.cameras}
+        known = [*((held.rig, camera) for camera in held.rig.cameras), *held.rig.lens_only]
+        return {one.name: KnownLens(one.intrinsics, rig.lens_covariance(one.name)) for rig, one in known}
     return {name: KnownLens(lens, np.full((9, 9), np.nan)) for name, lens in held.lenses.items()}
 
 

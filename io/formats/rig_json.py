@@ -1,6 +1,7 @@
 """Rigs as plain JSON: the format of quadrig's own, for programs of any language."""
 
 import json
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -9,11 +10,13 @@ import msgspec
 import numpy as np
 
 from quadrig.io.formats.format import Files, Held, Options, lens_of, pose_of, rig_of
+from quadrig.rig.doubt.lens_accuracy import lens_accuracy
 from quadrig.rig.result import CAMERA_PARAMETERS, Camera, PlacedRectangle, Rig
 from quadrig.single.arrays import Floats
 from quadrig.single.errors import QuadrigError
 from quadrig.single.lens import LENS_PARAMETERS, LensModel
 from quadrig.single.markings.registry import marking_values
+from quadrig.single.pose import Pose
 
 JSON_VERSION = 1
 """Raised when a reader of the old file would misread the new one."""
@@ -26,6 +29,7 @@ _CONVENTIONS = {
     "a_from_b": "4x4, takes coordinates in frame b to coordinates in frame a",
     "pinhole": "OpenCV's k1 k2 p1 p2 k3",
     "fisheye": "OpenCV's fisheye (Kannala-Brandt) k1 k2 k3 k4 0",
+    "sigma.lens_px": "of where a point far away is seen, over the picture, whatever the pose",
     "sigma.lens": "px for focal, cx and cy; aspect is the focal along y over that along x",
     "sigma.pose": "of a small rotation (rad) and translation (m) that follow rig_from_camera, in the rig frame",
 }
@@ -37,21 +41,27 @@ class _Sigma(msgspec.Struct):
     lens: dict[str, float | None] = {}
     pose: dict[str, float | None] = {}
     focal_px: float | None = None
+    lens_px: float | None = None
     rotation_deg: float | None = None
     position_m: float | None = None
 
 
-class _Camera(msgspec.Struct):
-    """Lens and pose of one camera."""
+class _Lens(msgspec.Struct, kw_only=True):
+    """Lens of one camera."""
 
     width: int
     height: int
     model: LensModel
     camera_matrix: list[list[float]]
     distortion: list[float]
-    rig_from_camera: list[list[float]]
     sigma: _Sigma = msgspec.field(default_factory=_Sigma)
     rms_px: float | None = None
+
+
+class _Camera(_Lens, kw_only=True):
+    """Lens and pose of one camera."""
+
+    rig_from_camera: list[list[float]]
 
 
 class _Covariance(msgspec.Struct):
@@ -62,10 +72,12 @@ class _Covariance(msgspec.Struct):
 
 
 class _File(msgspec.Struct):
-    """A rig. rectangles: width, height (m), marking, and rig_from_rect, one pose or one for each of `framesets`."""
+    """A rig. lens_only: cameras that could not be placed in it. rectangles: width, height (m), marking, and
+    rig_from_rect, one pose or one for each of `framesets`."""
 
     cameras: dict[str, _Camera]
     rig_frame: str
+    lens_only: dict[str, _Lens] = {}
     rectangles: dict[str, dict[str, Any]] = {}
     working_accuracy_mm: float | None = None
     covariance: _Covariance | None = None
@@ -95,18 +107,28 @@ def read_json(path: Path) -> Held:
     held = msgspec.json.decode(path.read_bytes(), type=_File)
     if held.version > JSON_VERSION:
         raise QuadrigError(f"{path}: has version {held.version}, this quadrig reads up to {JSON_VERSION}; upgrade it")
-    lenses, poses = {}, {}
-    for name, camera in held.cameras.items():
-        where, size = f"{path}: camera {name!r}", (camera.width, camera.height)
-        matrix, distortion = np.array(camera.camera_matrix, float), camera.distortion
-        lenses[name] = lens_of(size, matrix, distortion, where, camera.model)
-        poses[name] = pose_of(np.array(camera.rig_from_camera, float), where)
-    rig = rig_of(lenses, poses, held.rig_frame)
+    poses = {
+        name: pose_of(np.array(camera.rig_from_camera, float), f"{path}: camera {name!r}")
+        for name, camera in held.cameras.items()
+    }
+    rig = _rig_of(held.cameras, poses, held.rig_frame, path)
     accuracy = np.nan if held.working_accuracy_mm is None else held.working_accuracy_mm / 1e3
-    rms = [np.nan if camera.rms_px is None else camera.rms_px for camera in held.cameras.values()]
-    cameras = tuple(replace(camera, rms=value) for camera, value in zip(rig.cameras, rms, strict=True))
-    covariance = _stated_covariance(held, path)
-    return Held(rig=replace(rig, cameras=cameras, covariance=covariance, working_accuracy=accuracy))
+    if held.covariance is not None:
+        rig = replace(rig, covariance=_joint_covariance(held.covariance, held.cameras, path))
+    apart = [_rig_of({name: lens}, {name: Pose.identity()}, name, path) for name, lens in held.lens_only.items()]
+    return Held(rig=replace(rig, working_accuracy=accuracy, apart=tuple(apart)))
+
+
+def _rig_of(cameras: Mapping[str, _Lens], poses: Mapping[str, Pose], frame: str, path: Path) -> Rig:
+    """The cameras at these poses, with what doubt of each its sigmas state."""
+    lenses, rms = {}, []
+    for name, camera in cameras.items():
+        size, matrix = (camera.width, camera.height), np.array(camera.camera_matrix, float)
+        lenses[name] = lens_of(size, matrix, camera.distortion, f"{path}: camera {name!r}", camera.model)
+        rms.append(np.nan if camera.rms_px is None else camera.rms_px)
+    rig = rig_of(lenses, poses, frame)
+    placed = tuple(replace(camera, rms=value) for camera, value in zip(rig.cameras, rms, strict=True))
+    return replace(rig, cameras=placed, covariance=_own_covariance(cameras))
 
 
 def json_text(values: object) -> str:
@@ -122,6 +144,7 @@ def rig_values(rig: Rig, *, covariance: bool = False) -> dict[str, Any]:
         "conventions": _CONVENTIONS,
         "rig_frame": rig.reference,
         "cameras": {camera.name: _camera_values(rig, camera) for camera in rig.cameras},
+        "lens_only": {camera.name: _lens_values(own, camera) for own, camera in rig.lens_only},
         "working_accuracy_mm": 1e3 * rig.working_accuracy,
         "rectangles": {placed.name: _rectangle_values(placed) for placed in rig.rectangles},
     }
@@ -151,6 +174,7 @@ def _camera_values(rig: Rig, camera: Camera) -> dict[str, Any]:
         "rig_from_camera": camera.rig_from_camera.matrix(),
         "sigma": {
             "focal_px": rig.focal_sigma(camera.name),
+            "lens_px": lens_accuracy(rig, camera.name),
             "rotation_deg": np.degrees(rig.rotation_sigma(camera.name)),
             "position_m": rig.position_sigma(camera.name),
             "lens": {name: sigma for name, sigma in stated.items() if name not in _POSE_STEP},
@@ -158,6 +182,13 @@ def _camera_values(rig: Rig, camera: Camera) -> dict[str, Any]:
         },
         "rms_px": camera.rms,
     }
+
+
+def _lens_values(rig: Rig, camera: Camera) -> dict[str, Any]:
+    """The values of a camera that has no pose."""
+    values = _camera_values(rig, camera)
+    sigma = {key: value for key, value in values["sigma"].items() if key in ("focal_px", "lens_px", "lens")}
+    return {**{key: value for key, value in values.items() if key != "rig_from_camera"}, "sigma": sigma}
 
 
 def _rectangle_values(placed: PlacedRectangle) -> dict[str, Any]:
@@ -170,19 +201,21 @@ def _rectangle_values(placed: PlacedRectangle) -> dict[str, Any]:
     return {**values, "framesets": np.asarray(placed.framesets)} if placed.rectangle.moving else values
 
 
-def _stated_covariance(held: _File, path: Path) -> Floats:
-    """(15 C, 15 C) as the file states it; nan where it does not, zero along what is held."""
-    size = CAMERA_PARAMETERS * len(held.cameras)
-    if held.covariance is not None:
-        matrix = np.array(held.covariance.matrix, float)
-        order = [(name, each) for name, camera in held.cameras.items() for each in _parameters(camera.model)]
-        if matrix.shape != (size, size) or held.covariance.order != order:
-            raise QuadrigError(f"{path}: the covariance is not that of its cameras in their order; write it again")
-        return matrix
+def _joint_covariance(held: _Covariance, cameras: Mapping[str, _Lens], path: Path) -> Floats:
+    """(15 C, 15 C) as the file states it."""
+    size, matrix = CAMERA_PARAMETERS * len(cameras), np.array(held.matrix, float)
+    order = [(name, each) for name, camera in cameras.items() for each in _parameters(camera.model)]
+    if matrix.shape != (size, size) or held.order != order:
+        raise QuadrigError(f"{path}: the covariance is not that of its cameras in their order; write it again")
+    return matrix
+
+
+def _own_covariance(cameras: Mapping[str, _Lens]) -> Floats:
+    """(15 C, 15 C) of which sigmas state the diagonal: nan off it, zero along what is held."""
     sigmas = np.array(
-        [_sigma(camera.sigma, name) for camera in held.cameras.values() for name in _parameters(camera.model)]
+        [_sigma(camera.sigma, name) for camera in cameras.values() for name in _parameters(camera.model)]
     )
-    covariance = np.full((size, size), np.nan)
+    covariance = np.full((len(sigmas), len(sigmas)), np.nan)
     np.fill_diagonal(covariance, sigmas**2)
     covariance[sigmas == 0] = covariance[:, sigmas == 0] = 0
     return covariance

@@ -36,24 +36,37 @@ def report_html(held: RigFile) -> str:
     rig = held.rig
     parts = [_verdict(rig), _cameras_table(rig), _room(rig), _evidence(rig)]
     parts += [_camera(rig, camera) for camera in rig.cameras]
+    parts += [_lens_only(rig), *(_camera(own, camera) for own, camera in rig.lens_only)]
     parts.append(f"<p><small>quadrig {escape(held.version)}; one sigma throughout.</small></p>")
     return (
         '<!doctype html><html lang="en"><head><meta charset="utf-8">'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        f"<title>Rig of {len(rig.cameras)} cameras</title><style>{_STYLE}</style></head>"
+        f"<title>{escape(_title(rig))}</title><style>{_STYLE}</style></head>"
         f"<body>{''.join(parts)}</body></html>\n"
     )
+
+
+def _title(rig: Rig) -> str:
+    return f"Rig of {len(rig.cameras)} cameras" if len(rig.cameras) > 1 else f"Camera {rig.cameras[0].name}"
 
 
 def _verdict(rig: Rig) -> str:
     held = verdict(rig)
     return (
-        f"<h1>Rig of {len(rig.cameras)} cameras</h1>"
+        f"<h1>{escape(_title(rig))}</h1>"
         f'<div class="verdict {_CLASSES[held.grade]}" id="verdict"><h2 style="margin-top:0">{escape(held.headline)}'
         f"</h2><p>Because:</p>{_items(held.good)}"
         + (f"<p>What is weak, and what to do:</p>{_items(held.weak)}" if held.weak else "<p>Nothing is weak.</p>")
         + "</div>"
     )
+
+
+def _lens_only(rig: Rig) -> str:
+    """The heading of the cameras that have a lens and no pose."""
+    if not rig.apart:
+        return ""
+    words = "These cameras share no rectangle at one time with those of the rig: lenses are known, poses are not."
+    return f"<h2>Lens only</h2><p>{words}</p>"
 
 
 def _items(sentences: tuple[str, ...]) -> str:

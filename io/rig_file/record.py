@@ -80,6 +80,7 @@ class RigRecord(msgspec.Struct):
     costs: list[Number]
     times: list[int] = []
     dispersion: Number = 1.0
+    apart: list["RigRecord"] = []
 
 
 class FitRecord(ViewRecord, kw_only=True):
@@ -93,23 +94,26 @@ class FitRecord(ViewRecord, kw_only=True):
 
 def encode_rig(rig: Rig, times: tuple[int, ...] = ()) -> bytes:
     """The RigRecord of a Rig, as JSON."""
-    return msgspec.json.encode(
-        RigRecord(
-            format=RECORD_FORMAT,
-            reference=rig.reference,
-            cameras=[_camera_record(camera) for camera in rig.cameras],
-            rectangles=[_rectangle_record(placed) for placed in rig.rectangles],
-            covariance=numbers(rig.covariance),
-            noise=number(rig.noise),
-            rms=number(rig.rms),
-            left_out_rms=number(rig.held_out_rms),
-            working_accuracy=number(rig.working_accuracy),
-            missing=dict(rig.missing),
-            weak=tuple(rig.weak),
-            costs=[number(cost) for cost in rig.costs],
-            times=[int(time) for time in times],
-            dispersion=number(rig.dispersion),
-        )
+    return msgspec.json.encode(_rig_record(rig, times))
+
+
+def _rig_record(rig: Rig, times: tuple[int, ...] = ()) -> RigRecord:
+    return RigRecord(
+        format=RECORD_FORMAT,
+        reference=rig.reference,
+        cameras=[_camera_record(camera) for camera in rig.cameras],
+        rectangles=[_rectangle_record(placed) for placed in rig.rectangles],
+        covariance=numbers(rig.covariance),
+        noise=number(rig.noise),
+        rms=number(rig.rms),
+        left_out_rms=number(rig.held_out_rms),
+        working_accuracy=number(rig.working_accuracy),
+        missing=dict(rig.missing),
+        weak=tuple(rig.weak),
+        costs=[number(cost) for cost in rig.costs],
+        times=[int(time) for time in times],
+        dispersion=number(rig.dispersion),
+        apart=[_rig_record(each) for each in rig.apart],
     )
 
 
@@ -136,12 +140,19 @@ def decode_rig(record: bytes, fits: tuple[ViewFit, ...] = ()) -> tuple[Rig, tupl
         raise QuadrigError(
             f"the rig record has format {held.format} and this quadrig reads up to {RECORD_FORMAT}; upgrade quadrig"
         )
-    rig = Rig(
+    return _rig(held, fits), tuple(held.times)
+
+
+def _rig(held: RigRecord, fits: tuple[ViewFit, ...]) -> Rig:
+    """The Rig of a record, with those of the fits that are of its cameras."""
+    apart = tuple(_rig(each, fits) for each in held.apart)
+    own = {camera.name for camera in held.cameras}
+    return Rig(
         reference=held.reference,
         cameras=tuple(_camera(camera) for camera in held.cameras),
         rectangles=tuple(_placed_rectangle(rectangle) for rectangle in held.rectangles),
         covariance=read_numbers(held.covariance),
-        fits=fits,
+        fits=tuple(fit for fit in fits if fit.view.camera in own),
         noise=read_number(held.noise),
         rms=read_number(held.rms),
         held_out_rms=read_number(held.left_out_rms),
@@ -150,8 +161,8 @@ def decode_rig(record: bytes, fits: tuple[ViewFit, ...] = ()) -> tuple[Rig, tupl
         weak=held.weak,
         costs=tuple(read_number(cost) for cost in held.costs),
         dispersion=read_number(held.dispersion),
+        apart=apart,
     )
-    return rig, tuple(held.times)
 
 
 def decode_fit(record: bytes) -> ViewFit:

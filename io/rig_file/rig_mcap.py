@@ -27,7 +27,7 @@ from quadrig.io.rig_file.record import (
 )
 from quadrig.io.topic_writer import TopicWriter
 from quadrig.io.whole_file import written_beside
-from quadrig.rig.result import Camera, PlacedRectangle, Rig
+from quadrig.rig.result import Camera, PlacedRectangle, Rig, ViewFit
 from quadrig.single.errors import QuadrigError
 from quadrig.single.pose import Pose
 
@@ -62,7 +62,7 @@ def write_rig(path: Path | str, rig: Rig, config_text: str = "", times: Sequence
     with written_beside(path) as beside, beside.open("wb") as stream:
         # The record repeats itself much (the same board points in each View): zstd takes it to a quarter.
         writer = TopicWriter(stream, "zstd", "quadrig")
-        for camera in rig.cameras:
+        for camera in (*rig.cameras, *(camera for _, camera in rig.lens_only)):
             writer.write_protobuf(f"/{camera.name}/camera_info", _calibration(camera, first), first)
         for time, transforms in _transforms(rig, times):
             writer.write_protobuf("/tf", transforms, time)
@@ -120,7 +120,7 @@ def rig_frame_name(rig: Rig) -> str:
 
 
 def _invented_times(rig: Rig) -> tuple[int, ...]:
-    framesets = [fit.view.frameset for fit in rig.fits]
+    framesets = [fit.view.frameset for fit in _every_fit(rig)]
     framesets += [int(index) for placed in rig.rectangles for index in placed.framesets]
     return tuple(1000 * index for index in range(max(framesets, default=-1) + 1))
 
@@ -130,9 +130,16 @@ def _write_record(writer: TopicWriter, rig: Rig, times: tuple[int, ...], known: 
     writer.declare_json(VIEWS_TOPIC, "quadrig.View", msgspec.json.encode(msgspec.json.schema(FitRecord)))
     first = min(times, default=0)
     writer.write_json(RIG_TOPIC, encode_rig(rig, known), first)
-    for number, fit in enumerate(rig.fits):
+    for number, fit in enumerate(_every_fit(rig)):
         time = times[fit.view.frameset] if 0 <= fit.view.frameset < len(times) else first
         writer.write_json(VIEWS_TOPIC, encode_fit(fit), time, number)
+
+
+def _every_fit(rig: Rig) -> Iterator[ViewFit]:
+    """The fits of a rig and of those apart from it."""
+    yield from rig.fits
+    for each in rig.apart:
+        yield from _every_fit(each)
 
 
 def _calibration(camera: Camera, time: int) -> Any:

@@ -18,10 +18,10 @@ from quadrig.rig.coach.next_view import (
     within_reach,
 )
 from quadrig.rig.coach.planned_doubt import planning_doubt
+from quadrig.rig.doubt.lens_accuracy import accuracy_in_words, is_determined
 from quadrig.rig.doubt.working_accuracy import covered_points
 from quadrig.rig.problem.connectivity import connected_groups
 from quadrig.rig.result import Rig
-from quadrig.rig.words import length
 from quadrig.single.arrays import Floats, Mask
 from quadrig.single.pose import Pose
 from quadrig.single.rectangle import Rectangle
@@ -97,9 +97,9 @@ def advise(situation: Situation) -> Advice:
 
 def good_for(rig: Rig) -> str:
     """The sentence that heads every result."""
-    if not np.isfinite(rig.working_accuracy):
+    if not is_determined(rig):
         return "how good it is for a point is unknown"
-    return f"good for {length(rig.working_accuracy)} in the volume you covered"
+    return f"good for {accuracy_in_words(rig)}"
 
 
 def connected(

@@ -7,9 +7,10 @@ from typing import Literal
 import numpy as np
 
 from quadrig.rig.doubt.disagreement import Disagreement, disagreements
+from quadrig.rig.doubt.lens_accuracy import accuracy_in_words, is_determined
 from quadrig.rig.doubt.residual_field import residual_field
 from quadrig.rig.result import Rig
-from quadrig.rig.words import length
+from quadrig.rig.words import counted, length
 
 Grade = Literal["good", "with care", "not yet"]
 
@@ -43,20 +44,27 @@ def verdict(rig: Rig) -> Verdict:
 
 def _grade(rig: Rig, weak: list[str]) -> Grade:
     unseparated = any(not camera.observable_focal for camera in rig.cameras)
-    if unseparated or not np.isfinite(rig.working_accuracy) or _overfitted(rig, 2 * _OVERFITTED):
+    if unseparated or not is_determined(rig) or _overfitted(rig, 2 * _OVERFITTED):
         return "not yet"
     return "with care" if weak else "good"
 
 
 def _headline(rig: Rig, grade: Grade) -> str:
-    if not np.isfinite(rig.working_accuracy):
+    if not is_determined(rig):
+        if len(rig.cameras) == 1:
+            return "Not to be used yet: nothing that its camera saw determines a lens."
         return "Not to be used yet: no point in the room can be triangulated by two of its cameras."
-    accuracy = f"{length(rig.working_accuracy)} in the volume you covered"
-    if grade == "good":
-        return f"Good for {accuracy}."
-    if grade == "with care":
-        return f"Good for {accuracy}, with care: see what is weak."
-    return f"Not to be used yet, though its own figures promise {accuracy}: see what is weak."
+    accuracy = accuracy_in_words(rig)
+    if grade == "not yet":
+        return f"Not to be used yet, though its own figures promise {accuracy}: see what is weak."
+    care = ", with care: see what is weak." if grade == "with care" else "."
+    if len(rig.cameras) == 1 and rig.apart:
+        alone = 1 + len(rig.lens_only)
+        return (
+            f"Good for the lenses of {alone} cameras, each by itself{care} "
+            "Poses need a rectangle that two cameras see at one time."
+        )
+    return f"Good for {accuracy}{care}"
 
 
 def _good(rig: Rig) -> list[str]:
@@ -70,8 +78,8 @@ def _good(rig: Rig) -> list[str]:
         sentences.append(f"The fit agrees with its Views to {rig.rms:.2f} px.")
     used = sum(not fit.rejected for fit in rig.fits)
     if rig.fits:
-        sentences.append(f"{used} of {len(rig.fits)} Views by {len(rig.cameras)} cameras took part.")
-    if rig.cameras:
+        sentences.append(f"{used} of {len(rig.fits)} Views by {counted(len(rig.cameras), 'camera')} took part.")
+    if len(rig.cameras) > 1:
         worst = max(rig.cameras, key=lambda camera: rig.position_sigma(camera.name))
         sentences.append(
             f"Every camera's position is known to {length(rig.position_sigma(worst.name))} or better "

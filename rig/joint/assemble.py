@@ -233,7 +233,6 @@ def assemble_rig(
     first: FirstRig,
     covariance: Floats,
     reference: str,
-    missing: dict[str, str],
     order: list[str],
 ) -> Rig:
     """The Rig of a joint adjustment, cameras in the given order of names. covariance: as Rig.covariance has it."""
@@ -257,7 +256,6 @@ def assemble_rig(
         fit.rms(),
         held_out.rms(),
         accuracy,
-        missing,
         costs=joint.costs,
         dispersion=float(without.widening.mean()),
     )

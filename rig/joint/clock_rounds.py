@@ -10,7 +10,6 @@ from quadrig.rig.start.clock_offsets import RegroupedViews, path_offsets, regrou
 from quadrig.rig.start.lenses_and_poses import FirstCameras, first_cameras
 from quadrig.rig.start.pose_graph import FirstRig, first_rig
 from quadrig.single.arrays import Floats
-from quadrig.single.errors import QuadrigError
 
 # Framesets grouped by clocks that were off by more than this (s) are grouped again: a hand moves a quarter of a mm.
 _SAME_CLOCK = 0.5e-3
@@ -30,7 +29,7 @@ class Solved:
 
 def solve_with_clocks(problem: Problem, reference: str) -> Solved | Contradicted:
     """The joint adjustment in the frame of that name; where clocks disagree, of framesets grouped anew by the clocks
-    that each round finds. Raises QuadrigError where no camera saw the reference."""
+    that each round finds. reference: a camera of the problem, or a rectangle that it has a frame of."""
     given, regrouped = problem, None
     rounds: list[Solved] = []
     for _ in range(_ROUNDS_OF_CLOCKS):
@@ -90,14 +89,9 @@ def _anchor(problem: Problem, reference: str) -> tuple[int, int | None]:
     for index, camera in enumerate(problem.cameras):
         if camera.name == reference:
             return index, None
-    rectangle = problem.rectangles[reference]
-    key = ("", -1) if rectangle.world_from_rect is not None else (reference, -1)
-    for index, node in enumerate(problem.nodes):
-        if (node.rectangle, node.frameset) == key:
-            return int(problem.camera[problem.node == index][0]), index
-    raise QuadrigError(
-        f"reference {reference!r} was seen by no camera of the rig; show it, or take another reference"
-    )
+    index = problem.frame_node(reference)
+    assert index is not None
+    return int(problem.camera[problem.node == index][0]), index
 
 
 def _in_node_frame(first: FirstRig, node: int) -> FirstRig:

@@ -82,6 +82,11 @@ class Problem:
         """The lens model of each camera (C,): what is given, else a pinhole."""
         return ["pinhole" if c.intrinsics is None else c.intrinsics.model for c in self.cameras]
 
+    def frame_node(self, rectangle: str) -> int | None:
+        """The node whose frame is that of a static rectangle, the world's where it is surveyed; None if not seen."""
+        key = _node_key(self.rectangles[rectangle], -1)
+        return next((i for i, node in enumerate(self.nodes) if (node.rectangle, node.frameset) == key), None)
+
     def observations(self, readings: Ints | None = None) -> Observations:
         """The Views as arrays, each in the reading (V,) that is chosen."""
         chosen = np.zeros(len(self.views), int) if readings is None else readings

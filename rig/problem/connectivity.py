@@ -36,29 +36,25 @@ def missing_cameras(problem: Problem, kept: list[int]) -> dict[str, str]:
     """A sentence for each camera that is not among those kept: what it lacks, and what to show to whom."""
     sentences = {}
     for group in components(problem):
-        if group[0] in kept:
-            continue
-        for camera in group:
-            sentences[problem.cameras[camera].name] = _sentence(problem, camera, group, kept)
+        for camera in sorted(set(group) - set(kept)):
+            name = problem.cameras[camera].name
+            if set(group) & set(kept):
+                sentences[name] = (
+                    f"{name}: what it saw contradicts the other cameras, as where it was recorded at another time; "
+                    "poses need a rectangle that cameras see at one time: check its clock, and that it is of this rig"
+                )
+            else:
+                sentences[name] = _sentence(problem, camera, group, kept)
     return sentences
 
 
 def refuse(problem: Problem) -> QuadrigError:
-    """The error for Views that join no two cameras: who stands alone, and what they would have to share."""
-    if len(problem.cameras) < 2:
-        return QuadrigError(
-            f"a rig needs two cameras and there is {len(problem.cameras)}; "
-            "give recordings of two or more, or calibrate a single one with `rig single`"
-        )
-    seeing = sorted({int(c) for c in problem.camera})
-    if not seeing:
-        return QuadrigError(
-            f"no rectangle was found by any of the {len(problem.cameras)} cameras; "
-            "check the markings, sizes and dictionaries in rig.toml against what was printed"
-        )
-    first = seeing[0]
-    rest = {c.name: _sentence(problem, i, [i], [first]) for i, c in enumerate(problem.cameras) if i != first}
-    return QuadrigError("no two cameras can be joined: " + "; ".join(rest.values()))
+    """The error where no rectangle was seen at all."""
+    cameras = ", ".join(camera.name for camera in problem.cameras) or "no camera"
+    return QuadrigError(
+        f"no rectangle was found in the pictures of {cameras}; "
+        "check the markings, sizes and dictionaries in rig.toml against what was printed"
+    )
 
 
 def _sentence(problem: Problem, camera: int, group: list[int], kept: list[int]) -> str:

@@ -47,7 +47,7 @@ def first_rig(problem: Problem, candidates: Candidates, reference: int) -> First
     return FirstRig(camera_from_rig, connected, rig_from_node, reading, agrees)
 
 
-def _sigmas(candidates: Candidates) -> tuple[Floats, Floats]:
+def sigmas(candidates: Candidates) -> tuple[Floats, Floats]:
     """Sigma of rotation (rad) and of translation (m) of each candidate."""
     variance = np.einsum("kii->ki", candidates.covariance)
     return np.sqrt(variance[:, :3].sum(axis=1)), np.sqrt(variance[:, 3:].sum(axis=1))
@@ -56,7 +56,7 @@ def _sigmas(candidates: Candidates) -> tuple[Floats, Floats]:
 def relative_poses(problem: Problem, candidates: Candidates) -> list[RelativePose]:
     """The relative pose of every two cameras that share a rectangle pose."""
     node, camera = problem.node[candidates.view], problem.camera[candidates.view]
-    sigma_rotation, sigma_translation = _sigmas(candidates)
+    sigma_rotation, sigma_translation = sigmas(candidates)
     distance = np.linalg.norm(candidates.camera_from_node.translation, axis=-1)
     by_camera = _rows_of_first_view(candidates, node, camera, sigma_rotation)
     relatives = []
@@ -116,7 +116,7 @@ def _vote(
     left: int, right: int, poses: Pose, node: Ints, rotation: Floats, translation: Floats, cost: Floats
 ) -> RelativePose:
     """The candidate that most rectangle poses agree with, averaged with all that do."""
-    distance = _disagreement(poses, poses, rotation, translation, rotation, translation)
+    distance = disagreement(poses, poses, rotation, translation, rotation, translation)
     weight = np.where(distance < _AGREES, np.exp(-0.5 * distance**2 - 0.25 * cost[None, :]), 0.0)
     # Candidates of one rectangle pose stand together.
     starts = np.flatnonzero(np.diff(node, prepend=-1))
@@ -135,7 +135,7 @@ def _vote(
     )
 
 
-def _disagreement(
+def disagreement(
     a: Pose, b: Pose, rotation_a: Floats, translation_a: Floats, rotation_b: Floats, translation_b: Floats
 ) -> Floats:
     """Distances (A, B) of two batches of poses in their common sigmas."""
@@ -178,7 +178,7 @@ def _place_nodes(
     """rig_from_node (N,), the candidate chosen of every View (V,), and whether it agrees with its node (V,)."""
     node, camera = problem.node[candidates.view], problem.camera[candidates.view]
     rig_from_node = camera_from_rig[camera].inverse() @ candidates.camera_from_node
-    rotation, translation = _sigmas(candidates)
+    rotation, translation = sigmas(candidates)
     usable = connected[camera]
     left, right = _same_node_pairs(node)
     apart = _distance_rows(rig_from_node, rotation, translation, left, right)

@@ -165,9 +165,20 @@ def test_a_camera_that_shares_nothing_is_named_and_not_placed(pictures: Path, tm
     assert result.exists()
 
 
-def test_cameras_that_share_nothing_at_all_make_no_rig(pictures: Path, tmp_path: Path) -> None:
+def test_cameras_that_share_nothing_have_their_lenses(pictures: Path, tmp_path: Path) -> None:
     folders = [pictures / name for name in ("left", "hall")]
-    done = rig("calibrate", *folders, "-c", pictures / "rig.toml", "-o", tmp_path / "rig.mcap")
+    done = rig("calibrate", *folders, "-c", pictures / "rig.toml", "-o", tmp_path / "rig.mcap", "--json")
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout)
+    assert {*found["cameras"], *found["lens_only"]} == {"hall", "left"}
+    assert len(found["cameras"]) == len(found["lens_only"]) == len(found["missing"]) == 1
+    rig("report", tmp_path / "rig.mcap", "-o", tmp_path / "rig.html")
+    assert "<h2>Lens only</h2>" in (tmp_path / "rig.html").read_text()
+
+
+def test_a_rig_that_is_refused_leaves_what_was_found(pictures: Path, tmp_path: Path) -> None:
+    folders = [pictures / name for name in ("left", "hall")]
+    done = rig("calibrate", *folders, "-c", pictures / "rig.toml", "-o", tmp_path / "rig.mcap", "--all-cameras")
     assert_one_sentence(done, "hall", "left")
     # No rig, but the next attempt, with another rig.toml or one camera more, need not search these images again.
     assert [path.name for path in tmp_path.iterdir()] == ["rig.detections.mcap"]

@@ -26,7 +26,7 @@ def predicted(camera):
 
 def test_json_keeps_the_contract(example_rig):
     values = json.loads(export_files(example_rig, "json")["rig.json"])
-    assert {"rig_frame", "cameras", "working_accuracy_mm", "rectangles"} < set(values)
+    assert {"rig_frame", "cameras", "lens_only", "working_accuracy_mm", "rectangles"} < set(values)
     assert (values["format"], values["version"]) == ("quadrig rig", 1)
     assert values["rig_frame"] == "cam0"
     assert values["working_accuracy_mm"] == pytest.approx(1e3 * example_rig.working_accuracy)
@@ -34,7 +34,7 @@ def test_json_keeps_the_contract(example_rig):
         held = values["cameras"][camera.name]
         keys = ["width", "height", "model", "camera_matrix", "distortion", "rig_from_camera", "sigma", "rms_px"]
         assert list(held) == keys
-        assert {"focal_px", "rotation_deg", "position_m"} < set(held["sigma"])
+        assert {"focal_px", "lens_px", "rotation_deg", "position_m"} < set(held["sigma"])
         rig_from_camera = np.array(held["rig_from_camera"])
         in_camera = (np.linalg.inv(rig_from_camera) @ np.column_stack([POINTS, np.ones(3)]).T)[:3].T
         matrix, distortion = np.array(held["camera_matrix"]), np.array(held["distortion"])

@@ -1,0 +1,75 @@
+"""Whether cameras saw a moving rectangle at the same instants at all, or were recorded one after another.
+
+Videos that all begin at zero, and folders whose pictures are numbered, look as if they belonged together. Where they
+do not, what one camera saw of a rectangle fits what another saw at that instant no better than what it saw at any
+other.
+"""
+
+from itertools import combinations
+
+import numpy as np
+
+from quadrig.rig.problem.build import Problem
+from quadrig.rig.problem.connectivity import connected_groups
+from quadrig.rig.start.lenses_and_poses import Candidates
+from quadrig.rig.start.pose_graph import disagreement, sigmas
+from quadrig.single.arrays import Floats, Ints
+from quadrig.single.pose import Pose
+
+# Fewer instants than this fit one another by chance, rightly or wrongly.
+_FEWEST = 6
+# Relative poses that differ by less than this many of their sigmas agree, whatever chance would have said.
+_AGREES = 4.0
+# Clocks that are off, and a sheet that bends, leave relative poses nearer to one another than this share of what
+# instants that have nothing to do with one another give.
+_BY_CHANCE = 0.5
+# Other instants that each is held against, as shares of the recording.
+_SHIFTS = (0.2, 0.35, 0.5, 0.65, 0.8)
+
+
+def groups_in_step(problem: Problem, candidates: Candidates) -> list[list[int]]:
+    """Cameras (indices) that a rectangle which stands still, or one that they saw move alike, joins directly or
+    through others; the largest group first."""
+    best = np.unique(candidates.view, return_index=True)[1]
+    moving = np.array([node.frameset >= 0 for node in problem.nodes], bool)
+    seen = [_first_views(problem, camera) for camera in range(len(problem.cameras))]
+    joined = []
+    for left, right in combinations(range(len(problem.cameras)), 2):
+        nodes = np.array(sorted(seen[left].keys() & seen[right].keys()), int)
+        own = nodes[moving[nodes]]
+        if len(nodes) > len(own) or (len(own) and _alike(candidates, best, own, seen[left], seen[right])):
+            joined.append((left, right))
+    item = np.array(joined, int).reshape(-1)
+    return connected_groups(len(problem.cameras), item, np.repeat(np.arange(len(joined)), 2))
+
+
+def _first_views(problem: Problem, camera: int) -> dict[int, int]:
+    """A View (index) of each node that the camera saw."""
+    own = np.flatnonzero(problem.camera == camera)
+    return dict(zip(problem.node[own].tolist(), own.tolist(), strict=True))
+
+
+def _alike(candidates: Candidates, best: Ints, nodes: Ints, left: dict[int, int], right: dict[int, int]) -> bool:
+    """Whether two cameras agree on the nodes more than they would on other instants of the same rectangles."""
+    if len(nodes) < _FEWEST:
+        return True
+    rows, others = (best[np.array([views[n] for n in nodes.tolist()])] for views in (left, right))
+    seen = _spread(candidates, rows, others)
+    by_chance = min(_spread(candidates, rows, np.roll(others, round(share * len(nodes)))) for share in _SHIFTS)
+    return seen < _AGREES or seen < _BY_CHANCE * by_chance
+
+
+def _spread(candidates: Candidates, left: Ints, right: Ints) -> float:
+    """How far apart (sigmas, in the middle) the relative poses lie that these rows of two cameras give."""
+    poses = candidates.camera_from_node[left] @ candidates.camera_from_node[right].inverse()
+    rotation, translation = sigmas(candidates)
+    distance = np.linalg.norm(candidates.camera_from_node.translation[left], axis=-1)
+    turned = np.hypot(rotation[left], rotation[right])
+    moved = np.sqrt(translation[left] ** 2 + translation[right] ** 2 + (distance * rotation[right]) ** 2)
+    return _middle(poses, turned, moved)
+
+
+def _middle(poses: Pose, rotation: Floats, translation: Floats) -> float:
+    """Median distance, in common sigmas, of the poses from the one that is nearest to all."""
+    apart = disagreement(poses, poses, rotation, translation, rotation, translation)
+    return float(np.median(apart, axis=1).min())
