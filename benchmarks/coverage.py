@@ -1,4 +1,4 @@
-"""Do the 95 % regions hold the truth, in the five worlds of benchmarks/worlds.py? The noise is not told.
+"""Do the 95 % regions hold the truth, in the worlds of benchmarks/worlds.py? The noise is not told.
 
 Focals; the pose of each camera in the rig frame (six numbers); triangulated points: exact pixels of the true cameras,
 triangulated by the calibrated rig, one rigid motion of all points taken out, since the frame may stand anywhere.
@@ -74,7 +74,7 @@ def _inside(pixels: Floats) -> Mask:
         return np.all((pixels >= 0) & (pixels <= [WIDTH - 1, HEIGHT - 1]), axis=1)
 
 
-def _holds(error: Floats, covariance: Floats) -> float:
+def quantile(error: Floats, covariance: Floats) -> float:
     """Chi-square's own quantile of an error: at most 0.95 where the 95 % region holds it; 1 for one that is nan."""
     if not np.isfinite(error).all():
         return 1.0
@@ -87,10 +87,10 @@ def quantiles(made: Simulated, rig: Rig) -> dict[str, list[float]]:
     for camera in rig.cameras:
         off = camera.intrinsics.parameters - made.lenses[made.index(camera.name)]
         covariance = rig.lens_covariance(camera.name)
-        found["focal"].append(_holds(off[:1], covariance[:1, :1]))
+        found["focal"].append(quantile(off[:1], covariance[:1, :1]))
         if camera.name != rig.reference:
             step = camera.rig_from_camera.step_to(made.rig_from_camera(rig.reference, camera.name))
-            found["pose"].append(_holds(step, rig.pose_covariance(camera.name)))
+            found["pose"].append(quantile(step, rig.pose_covariance(camera.name)))
     points = covered_points(rig.rectangles)
     points = points[seen_by(made, rig, points)[1].sum(axis=0) >= 2]
     if not len(points):
@@ -100,7 +100,7 @@ def quantiles(made: Simulated, rig: Rig) -> dict[str, list[float]]:
     off = triangulated(made, rig, points) - points
     shape = (off.ravel() - rigid_part(points, off.reshape(-1, 1))[:, 0]).reshape(-1, 3)
     for i in np.linspace(0, len(points) - 1, min(_POINTS, len(points))).round().astype(int):
-        found["point"].append(_holds(shape[i], doubt[i]))
+        found["point"].append(quantile(shape[i], doubt[i]))
     found["accuracy"].append(float(np.sqrt((shape**2).sum(axis=1).mean()) / rig.working_accuracy))
     found["noise"].append(rig.noise / made.noise)
     return found
@@ -119,7 +119,7 @@ def one(task: tuple[int, str, Path | None]) -> tuple[str, dict[str, list[float]]
 
 def main() -> None:
     """Print one table."""
-    parser = argparse.ArgumentParser(description="coverage of 95 %% regions in five worlds")
+    parser = argparse.ArgumentParser(description="coverage of 95 %% regions in simulated worlds")
     parser.add_argument("rigs", nargs="?", type=int, default=300)
     parser.add_argument("world", nargs="?", choices=list(WORLDS))
     parser.add_argument("--lenses", type=Path)

@@ -1,9 +1,10 @@
-"""Five worlds that real rigs come from, simulated: lenses as people have them, sheets as printers make them.
+"""Worlds that real rigs come from, simulated: lenses as people have them, sheets as printers make them.
 
 rich: a board waved through 20 to 40 framesets, a few tags. few Views: cameras that look inward or outward, two to
 five tags each, one frameset. one sheet: one moving sheet or board, two to seven framesets. clicked: rectangles of a
-court, corners pointed at by hand, the noise given. imperfect: rich, with a bent board, a print that is too long in
-one direction and too large, frames out of step and a rolling shutter.
+court, corners pointed at by hand, the noise given. court: the three rectangles of a tennis court, whole, from each of
+three cameras, corners pointed at with the noise given. imperfect: rich, with a bent board, a print that is too long
+in one direction and too large, frames out of step and a rolling shutter.
 """
 
 import csv
@@ -15,6 +16,7 @@ from pathlib import Path
 import numpy as np
 from simulated import HEIGHT, WIDTH, Simulated, facing
 
+from quadrig.io.config.known_sizes import known_size
 from quadrig.rig.problem.camera_input import CameraInput
 from quadrig.single import Intrinsics, Rectangle, View
 from quadrig.single.arrays import Floats
@@ -277,7 +279,34 @@ def clicked(rng: np.random.Generator, lens: Lens) -> Simulated:
     return room.made()
 
 
-WORLDS = {"rich": rich, "few Views": few_views, "one sheet": one_sheet, "clicked": clicked, "imperfect": imperfect}
+def court(rng: np.random.Generator, lens: Lens) -> Simulated:
+    """A tennis court that fills the pictures of three cameras, every corner clicked with a noise of 2 px."""
+    floor = Pose(rotation_from_vector(np.array([-np.pi / 2, 0.0, 0.0])), np.zeros(3))
+    rectangles = [Rectangle(name, known_size(name).width, known_size(name).height) for name in COURT]
+    angles = rng.uniform(0, 2 * np.pi) + np.array([0, 1, 2]) * rng.uniform(0.8, 1.6)
+    room = _Room(rng, lens, [facing(np.array([0.0, -1.0, 1.0]), np.zeros(3))] * 3, 2.0, given=True)
+    for camera, angle in enumerate(angles):
+        rise, aim = rng.uniform(0.35, 0.7), rng.normal(size=3) * [1, 0.1, 1]
+        way = np.array([np.cos(rise) * np.sin(angle), -np.sin(rise), np.cos(rise) * np.cos(angle)])
+        for distance in np.geomspace(10, 120, 60) * rng.uniform(1.0, 1.1):
+            room.poses[camera] = facing(distance * way, aim)
+            if np.isfinite(room.pixels(camera, floor, rectangles[0].corners)).all():
+                break
+    for rectangle in rectangles:
+        room.add(rectangle)
+        room.see(rectangle, rectangle.corners, floor, 0)
+    return room.made()
+
+
+WORLDS = {
+    "rich": rich,
+    "few Views": few_views,
+    "one sheet": one_sheet,
+    "clicked": clicked,
+    "imperfect": imperfect,
+    "court": court,
+}
+COURT = ("tennis court", "tennis singles court", "tennis service area")
 
 
 def draw(name: str, seed: int, lens: Lens = table_lens) -> Simulated:

@@ -17,16 +17,6 @@ from quadrig.single.patch import Patch
 from quadrig.single.pose import Pose
 from quadrig.single.view import View
 
-PAPER_SIZES = {
-    "A5": (0.210, 0.148),
-    "A4": (0.297, 0.210),
-    "A3": (0.420, 0.297),
-    "A2": (0.594, 0.420),
-    "letter": (0.2794, 0.2159),
-    "legal": (0.3556, 0.2159),
-}
-"""Width and height in metres of papers lying across (ISO 216; ANSI in inches of 25.4 mm)."""
-
 FoundTags = Mapping[int, Sequence[Floats]]
 """Rough corners (4, 2) px of the tags seen in a picture, by id: top left first and clockwise on the printed tag."""
 
@@ -61,6 +51,9 @@ class Marking:
 
     noun: ClassVar[str] = "sheet"
     """What a rectangle with it is called where nobody gives it a name."""
+
+    by_hand: ClassVar[bool] = False
+    """Whether a person points at its corners: no picture is searched for it."""
 
     @property
     def description(self) -> str:
@@ -136,6 +129,7 @@ class PointsMarking(Marking):
     """Corners given by hand: no picture is searched for them. What a rectangle has that nobody marked."""
 
     kind: ClassVar[str] = "points"
+    by_hand: ClassVar[bool] = True
 
     @property
     def description(self) -> str:

@@ -1,8 +1,9 @@
 """One recording of a fleet calibrated in a process of its own: from files to a file, and one line of words."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from quadrig.io.batch.fleet import FleetJob
+from quadrig.io.config.corners_toml import PointedCorners
 from quadrig.io.config.rig_toml import parse_config
 from quadrig.io.rig_file.rig_mcap import write_rig
 from quadrig.io.search.detection_file import detections_beside
@@ -16,7 +17,7 @@ class CalibrateOne:
     """What run_fleet calls for every recording: `rig calibrate` with one rig.toml for all.
 
     config_text: the rig.toml; it travels to other machines where the recordings have the same paths, the rig.toml
-    perhaps not. keep: what was found, beside the rig, for the next run.
+    perhaps not. keep: what was found, beside the rig, for the next run. corners: given by hand, the same for all.
     """
 
     config_text: str
@@ -24,10 +25,11 @@ class CalibrateOne:
     share: float = 1.0
     all_cameras: bool = False
     keep: bool = True
+    corners: tuple[PointedCorners, ...] = ()
 
     def __call__(self, job: FleetJob) -> str:
         """Calibrates one recording and writes its rig. Raises QuadrigError as `rig calibrate` does."""
-        config = parse_config(self.config_text)
+        config = replace(parse_config(self.config_text), corners=self.corners)
         # Every process has one recording: it searches by itself and shows no bar of its own.
         cache = detections_beside(job.output) if self.keep else None
         effort = Effort(self.tolerance, self.share, workers=1, cache=cache, progress=False)

@@ -22,7 +22,10 @@ from quadrig.single.errors import QuadrigError
 
 
 def calibrate(
-    recording: Annotated[list[Path], typer.Argument(help="MCAP files, videos or folders.", metavar="RECORDING...")],
+    recording: Annotated[
+        list[Path],
+        typer.Argument(help="MCAP files, videos, folders, or one picture a camera.", metavar="RECORDING..."),
+    ],
     config: Annotated[Path, typer.Option("--config", "-c", help="What stands in the room.")] = Path("rig.toml"),
     output: Annotated[Path, typer.Option("--output", "-o", help="The rig to write.")] = Path("rig.mcap"),
     only: Annotated[
@@ -59,6 +62,8 @@ def calibrate(
 
     Example: rig calibrate room.mcap --config rig.toml -o rig.mcap
 
+    Corners clicked with `rig pick`, in corners.toml beside rig.toml: rig calibrate left.jpg middle.jpg right.jpg
+
     One camera was moved: rig calibrate new.mcap --only cam2 --from rig.mcap -o rig2.mcap
 
     Many recordings, one rig each: rig calibrate recordings/ --each -o rigs/
@@ -70,7 +75,9 @@ def calibrate(
         other = "--each, which keeps what was found beside each result" if each else "--no-cache"
         raise QuadrigError(f"--cache does not go with {other}; leave one of them out")
     if each:
-        calibrate_one = CalibrateOne(described.text, tolerance, share, all_cameras, keep=not no_cache)
+        calibrate_one = CalibrateOne(
+            described.text, tolerance, share, all_cameras, keep=not no_cache, corners=described.corners
+        )
         _calibrate_each(recording, output, calibrate_one, workers, dask, again)
         return
     if dask is not None:

@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 import typer
 
+from quadrig.io.config.known_sizes import PAPER_SIZES
 from quadrig.io.report.single import json_report, text_report
 from quadrig.rig.words import read_length
 from quadrig.single.arrays import Picture
@@ -17,7 +18,7 @@ from quadrig.single.markings.blank_sheet import PlainMarking
 from quadrig.single.markings.charuco import CharucoMarking
 from quadrig.single.markings.chessboard import ChessboardMarking
 from quadrig.single.markings.tag import TagMarking
-from quadrig.single.rectangle import PAPER_SIZES, Marking, PointsMarking, Rectangle
+from quadrig.single.rectangle import Marking, PointsMarking, Rectangle
 from quadrig.single.solve.corners import in_turn
 from quadrig.single.view import View
 

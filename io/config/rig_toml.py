@@ -1,7 +1,7 @@
 """rig.toml: what stands in the room. Read strictly, what is wrong in it named by its line, written back."""
 
 from collections.abc import Callable, Hashable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache, partial
 from pathlib import Path
 from typing import Annotated
@@ -9,7 +9,9 @@ from typing import Annotated
 import msgspec
 import numpy as np
 
+from quadrig.io.config.corners_toml import PointedCorners, corners_beside, read_corners
 from quadrig.io.config.errors import decode_error, locate
+from quadrig.io.config.known_sizes import known_size
 from quadrig.io.config.marking_tables import marking_keys, marking_of, marking_table
 from quadrig.io.whole_file import write_text
 from quadrig.rig.problem.camera_input import CameraInput, LensChoice
@@ -43,6 +45,7 @@ class _WorldPose(_Table):
 class _Rectangle(_Table, kw_only=True):
     name: Name
     marking: msgspec.Struct
+    size: str | None = None
     width: float | None = None
     height: float | None = None
     moving: bool = False
@@ -117,12 +120,14 @@ class RigConfig:
     """A rig.toml: rectangles, what is known of cameras, and whose frame is the rig frame.
 
     cameras is empty where every image topic of the recording is a camera. text: the file as it was written.
+    corners: what corners.toml beside it holds, for rectangles whose corners are given by hand.
     """
 
     rectangles: tuple[Rectangle, ...]
     cameras: tuple[CameraConfig, ...] = ()
     reference: str | None = None
     text: str = field(default="", repr=False)
+    corners: tuple[PointedCorners, ...] = ()
 
     def camera(self, name: str) -> CameraConfig | None:
         """The [[camera]] of that name, None where there is none."""
@@ -134,7 +139,7 @@ class RigConfig:
 
 
 def read_config(path: Path | str) -> RigConfig:
-    """The rig.toml at a path.
+    """The rig.toml at a path, with the corners.toml beside it where rectangles need one.
 
     Raises QuadrigError, one sentence with file, line and key, where it cannot be read or holds what it may not.
     """
@@ -147,7 +152,10 @@ def read_config(path: Path | str) -> RigConfig:
         ) from None
     except (OSError, UnicodeDecodeError) as error:
         raise QuadrigError(f"{path}: cannot be read as text ({error}); give a rig.toml") from error
-    return parse_config(text, str(path))
+    config = parse_config(text, str(path))
+    if not any(rectangle.marking.by_hand for rectangle in config.rectangles):
+        return config
+    return replace(config, corners=read_corners(corners_beside(path), config.rectangles))
 
 
 def parse_config(text: str, name: str = "rig.toml") -> RigConfig:
@@ -178,6 +186,7 @@ def _rectangle(table: _Rectangle, index: int, text: str, name: str) -> Rectangle
         key = "world_from_rect" if world is None and table.world_from_rect is not None else "marking"
         raise QuadrigError(f"{locate(name, text, path, key)}: rectangle {table.name!r}: {error}") from error
     where = partial(locate, name, text, path)
+    table = _with_known_size(table, where)
     own_width, own_height = marking.size or (None, None)
     width, height = _side(table, "width", own_width, where), _side(table, "height", own_height, where)
     try:
@@ -187,6 +196,21 @@ def _rectangle(table: _Rectangle, index: int, text: str, name: str) -> Rectangle
         raise QuadrigError(f"{locate(name, text, path, side)}: {error}") from error
 
 
+def _with_known_size(table: _Rectangle, where: Callable[[str], str]) -> _Rectangle:
+    """The table with the width and height of the size that it names, if it does."""
+    if table.size is None:
+        return table
+    if table.width is not None or table.height is not None:
+        raise QuadrigError(
+            f"{where('size')}: rectangle {table.name!r} has a size by name and a width or height; keep one of them"
+        )
+    try:
+        known = known_size(table.size)
+    except QuadrigError as error:
+        raise QuadrigError(f"{where('size')}: rectangle {table.name!r}: {error}") from error
+    return msgspec.structs.replace(table, width=known.width, height=known.height)
+
+
 def _side(table: _Rectangle, side: str, follows: float | None, where: Callable[[str], str]) -> float:
     """A side of the rectangle as it is given, or as it follows from the marking; where: file and line of a key."""
     given: float | None = getattr(table, side)
@@ -194,7 +218,8 @@ def _side(table: _Rectangle, side: str, follows: float | None, where: Callable[[
         if given is not None:
             return given
         raise QuadrigError(
-            f"{where('')}: rectangle {table.name!r} has no {side}; give it in metres, outer edge of the marking"
+            f"{where('')}: rectangle {table.name!r} has no {side}; give it in metres, outer edge of the marking, "
+            'or the name of a size that everybody has, as size = "A4"'
         )
     if given is not None and not abs(given - follows) <= _SIDE_TOLERANCE:
         raise QuadrigError(

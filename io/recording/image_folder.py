@@ -73,6 +73,11 @@ def image_files(paths: Sequence[Path]) -> ImageFiles:
     return ImageFiles(tuple(paths[k] for k in order), numbers[order])
 
 
+def one_image(path: Path) -> ImageFiles:
+    """One image as a camera. Such images are of one instant, whatever numbers their names bear."""
+    return ImageFiles((path,), np.zeros(1, np.int64))
+
+
 def folder_images(folder: Path) -> list[Path]:
     """The image files in a folder, not those of its subfolders."""
     return sorted(p for p in folder.iterdir() if p.suffix.lower() in IMAGE_SUFFIXES and not p.name.startswith("."))

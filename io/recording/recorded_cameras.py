@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from quadrig.io.recording.decode_image import decode_image, is_depth
-from quadrig.io.recording.image_folder import IMAGE_SUFFIXES, folder_images, image_files, read_image_folder
+from quadrig.io.recording.image_folder import IMAGE_SUFFIXES, folder_images, image_files, one_image, read_image_folder
 from quadrig.io.recording.image_message import holds_images, holds_lenses, holds_video, read_lens
 from quadrig.io.recording.image_source import ImageSource, McapImages
 from quadrig.io.recording.mcap_messages import McapMessages
@@ -88,7 +88,7 @@ class Recording:
 def open_recording(
     paths: Sequence[Path | str] | Path | str, topics: Mapping[str, str | None] | None = None
 ) -> Recording:
-    """Open MCAP files (parts of one recording), videos and folders of images as one recording.
+    """Open MCAP files (parts of one recording), videos, folders of images and single images as one recording.
 
     topics: the cameras wanted, by name, each with its topic (or the path of its video or folder), or None where the
     name says it; without any, every image topic, video and folder is a camera.
@@ -98,7 +98,7 @@ def open_recording(
     if not given:
         raise QuadrigError("no recording given; name an MCAP file, videos or folders of images")
     parts = [part for path in given for part in _expand(path)]
-    files = [part for part in parts if part.is_dir() or part.suffix.lower() in VIDEO_SUFFIXES]
+    files = [part for part in parts if part.is_dir() or part.suffix.lower() in VIDEO_SUFFIXES | IMAGE_SUFFIXES]
     cameras = [_camera_of_files(path) for path in files]
     notes: list[str] = []
     indexes = [index_mcap(path) for path in parts if path not in files]
@@ -133,8 +133,6 @@ def _expand(path: Path) -> list[Path]:
     if not path.exists():
         raise QuadrigError(f"{path}: no such file or folder; name an MCAP file, videos or folders of images")
     if not path.is_dir():
-        if path.suffix.lower() in IMAGE_SUFFIXES:
-            raise QuadrigError(f"{path}: one image is not a recording; give the folder of a camera's images")
         return [path]
     if folder_images(path):
         return [path]
@@ -151,6 +149,8 @@ def _expand(path: Path) -> list[Path]:
 def _camera_of_files(path: Path) -> RecordedCamera:
     if path.is_dir():
         source, name = read_image_folder(path), path.name
+    elif path.suffix.lower() in IMAGE_SUFFIXES:
+        source, name = one_image(path), path.stem
     else:
         source, name = read_video(path), path.stem
     return camera_of_source(name, str(path), source)

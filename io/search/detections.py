@@ -62,6 +62,8 @@ def find_detections(
     Ctrl-C ends the workers, keeps in effort.cache what was found, and says so. Where nothing at all is found, nothing
     is kept. Raises QuadrigError where the cache cannot be written or workers keep dying.
     """
+    if not rectangles:
+        return Detections([], 0, 0, {})
     cache = effort.cache
     keys = {camera.name: camera_key(recording, camera, rectangles) for camera in recording.cameras}
     found = read_detections(cache, keys) if cache is not None else {}

@@ -8,6 +8,7 @@ from quadrig.io.config.rig_toml import RigConfig
 from quadrig.io.recording.framesets import Framesets, build_framesets
 from quadrig.io.recording.recorded_cameras import Recording, open_recording
 from quadrig.io.search.choose_frames import choose_frames
+from quadrig.io.search.corner_views import corner_views, without_corners
 from quadrig.io.search.detections import Detections, find_detections
 from quadrig.io.search.effort import EVERY_IMAGE, Effort
 from quadrig.rig.calibration import calibrate
@@ -43,6 +44,7 @@ class Searched:
         unreadable, reused = self.detections.unreadable, self.detections.reused
         return [
             *self.recording.notes,
+            *without_corners(self.config),
             *(
                 f"camera {name!r}: {count} images cannot be read and are skipped"
                 for name, count in unreadable.items()
@@ -66,14 +68,19 @@ def calibrate_recording(
 def search_recording(
     paths: Sequence[Path | str] | Path | str, config: RigConfig, effort: Effort = EVERY_IMAGE
 ) -> Searched:
-    """Open a recording and find the rectangles of a rig.toml in it.
+    """Open a recording and find the rectangles of a rig.toml in it; those whose corners are given by hand as given.
 
-    Raises QuadrigError where there are no images, a camera of the rig.toml is missing, or nothing can be read.
+    Raises QuadrigError where there are no images, a camera of the rig.toml is missing, nothing can be read, or
+    corners given by hand do not belong to this recording.
     """
     wanted = {camera.name: camera.topic for camera in config.cameras}
     recording = open_recording(paths, wanted or None)
-    framesets = choose_frames(recording, build_framesets(recording, effort.tolerance), effort)
-    detections = find_detections(recording, framesets, config.rectangles, effort)
+    every = build_framesets(recording, effort.tolerance)
+    pointed = corner_views(config.corners, recording, every)
+    framesets = choose_frames(recording, every, effort)
+    sought = [rectangle for rectangle in config.rectangles if not rectangle.marking.by_hand]
+    detections = find_detections(recording, framesets, sought, effort)
+    detections = replace(detections, views=[*detections.views, *pointed])
     return Searched(config, recording, framesets, detections, tuple(camera_inputs(recording, config)))
 
 

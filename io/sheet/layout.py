@@ -5,12 +5,13 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+from quadrig.io.config.known_sizes import PAPER_SIZES
 from quadrig.io.config.rig_toml import RigConfig, config_text
 from quadrig.io.sheet.pdf import PdfPage, pdf_bytes
 from quadrig.rig.words import read_length
 from quadrig.single.errors import QuadrigError
 from quadrig.single.patch import Patch
-from quadrig.single.rectangle import PAPER_SIZES, Rectangle
+from quadrig.single.rectangle import Rectangle
 from quadrig.single.render.marking_image import marking_patches
 
 # mm along the edge of the paper that home printers leave white.

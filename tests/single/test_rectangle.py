@@ -6,7 +6,7 @@ import pytest
 from quadrig.single.errors import QuadrigError
 from quadrig.single.markings.boards import board_points
 from quadrig.single.pose import Pose
-from quadrig.single.rectangle import PAPER_SIZES, Rectangle, rectangle_corners
+from quadrig.single.rectangle import Rectangle, rectangle_corners
 
 
 def test_the_corners_are_those_of_equation_4():
@@ -51,12 +51,6 @@ def test_a_half_turn_takes_a_board_of_any_size_to_itself_backwards():
     for columns, rows in ((9, 7), (8, 6), (5, 4)):
         points = board_points(columns, rows, 0.03)
         np.testing.assert_allclose(points * [-1, -1, 1], points[::-1], atol=1e-15)
-
-
-def test_papers_keep_their_ratio():
-    for name in ("A2", "A3", "A4", "A5"):
-        width, height = PAPER_SIZES[name]
-        assert width / height == pytest.approx(np.sqrt(2), abs=0.01)
 
 
 @pytest.mark.parametrize(("width", "height"), [(0, 0.2), (0.2, -1), (np.nan, 0.2), (0.2, np.inf)])

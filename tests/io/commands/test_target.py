@@ -9,13 +9,14 @@ import numpy as np
 import pytest
 
 from quadrig.io.commands.main import run
+from quadrig.io.config.known_sizes import PAPER_SIZES
 from quadrig.io.config.rig_toml import parse_config, read_config
 from quadrig.io.sheet.layout import paper_named, parse_ids, parse_measured
 from quadrig.single.arrays import Picture
 from quadrig.single.detect.image_search import detect_views
 from quadrig.single.errors import QuadrigError
 from quadrig.single.markings.chessboard import ChessboardMarking
-from quadrig.single.rectangle import PAPER_SIZES, Rectangle
+from quadrig.single.rectangle import Rectangle
 
 DPI = 150
 

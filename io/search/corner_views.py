@@ -1,0 +1,77 @@
+"""Corners given by hand as Views of a recording."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from quadrig.io.config.corners_toml import CORNER_NAMES, PointedCorners, refuse_incomplete
+from quadrig.io.config.rig_toml import RigConfig
+from quadrig.io.recording.framesets import Framesets
+from quadrig.io.recording.recorded_cameras import RecordedCamera, Recording
+from quadrig.single.errors import QuadrigError
+from quadrig.single.view import View
+
+
+def corner_views(pointed: Sequence[PointedCorners], recording: Recording, framesets: Framesets) -> list[View]:
+    """The Views of corners, each at the frameset of its image.
+
+    Raises QuadrigError where a corner is missing, they are no picture of a rectangle, or they do not belong to this
+    recording: no such camera or image, or outside its pictures.
+    """
+    for one in pointed:
+        refuse_incomplete(one)
+    return [corner_view(one, recording, framesets) for one in pointed]
+
+
+def corner_view(pointed: PointedCorners, recording: Recording, framesets: Framesets) -> View:
+    """One of corner_views."""
+    camera = camera_of(pointed, recording)
+    sets, images = framesets.of_camera(camera.name)
+    row = int(np.flatnonzero(images == (pointed.image or 0))[0])
+    frameset, stamp = int(sets[row]), int(camera.stamps[images[row]])
+    return View(
+        pointed.rectangle.name,
+        pointed.rectangle.corners,
+        pointed.pixels,
+        camera.name,
+        frameset,
+        sigma=pointed.sigma,
+        time=(stamp - int(framesets.times[0])) / 1e9,
+    )
+
+
+def camera_of(pointed: PointedCorners, recording: Recording) -> RecordedCamera:
+    """The camera that corners are of. Raises QuadrigError where they cannot be of this recording."""
+    camera = next((one for one in recording.cameras if one.name == pointed.camera), None)
+    if camera is None:
+        names = ", ".join(one.name for one in recording.cameras)
+        raise QuadrigError(f"{pointed.place}: the recording has no such camera; its cameras are {names}")
+    if pointed.image is None and pointed.rectangle.moving and camera.frames > 1:
+        raise QuadrigError(
+            f"{pointed.place}: the rectangle moves; say in which of the camera's {camera.frames} images they are, "
+            "from 0, as image = 12"
+        )
+    if (pointed.image or 0) >= camera.frames:
+        raise QuadrigError(
+            f"{pointed.place}: image is {pointed.image}, but the camera has {camera.frames} images, counted from 0"
+        )
+    # A pixel reaches half its width around its centre.
+    most = np.array([camera.width, camera.height]) - 0.5
+    for name, pixel in zip(CORNER_NAMES, pointed.pixels, strict=True):
+        if (pixel < -0.5).any() or (pixel > most).any():
+            raise QuadrigError(
+                f"{pointed.place}: {name} is at {pixel[0]:g}, {pixel[1]:g}, outside the picture of "
+                f"{camera.width}x{camera.height}; click it again with rig pick, on pictures of this recording"
+            )
+    return camera
+
+
+def without_corners(config: RigConfig) -> list[str]:
+    """A sentence for each rectangle that waits for its corners."""
+    given = {one.rectangle.name for one in config.corners}
+    waiting = [one.name for one in config.rectangles if one.marking.by_hand and one.name not in given]
+    return [
+        f"rectangle {name!r} has its corners given by hand, and corners.toml beside rig.toml has none of it; click "
+        "them with rig pick"
+        for name in waiting
+    ]
