@@ -3,11 +3,12 @@
 from pathlib import Path
 from typing import Annotated
 
-import cv2
 import numpy as np
 import typer
 
 from quadrig.io.config.known_sizes import PAPER_SIZES
+from quadrig.io.recording.decode_image import UndecodableImage, decode_file
+from quadrig.io.recording.picture_header import read_header
 from quadrig.io.report.single import json_report, text_report
 from quadrig.rig.words import read_length
 from quadrig.single.arrays import Picture
@@ -77,10 +78,10 @@ def single(
     rig single desk.jpg --tag apriltag_36h11:7 --width 0.16;
     rig single desk.jpg --paper A4 --corners 1830,1220 310,1190 420,260 1710,240
     """
-    picture = read_picture(image)
+    picture, turned_by_exif = read_picture(image)
     size = _size(width, height, paper, portrait)
     rectangle = _rectangle(size, _marking(corners, tag, charuco, chessboard, plain))
-    remarks: list[str] = []
+    remarks = [f"the picture was {turned_by_exif}, as its EXIF says"] if turned_by_exif else []
     if corners is None:
         view = _found(picture, rectangle, image)
     else:
@@ -109,16 +110,18 @@ def single(
     print(report(image.name, rectangle, view, calibration, remarks))
 
 
-def read_picture(path: Path) -> Picture:
-    """The picture (h, w, 3) uint8, blue green red, upright by its EXIF. Raises QuadrigError where it is none."""
+def read_picture(path: Path) -> tuple[Picture, str]:
+    """The picture (h, w, 3) uint8, blue green red, and how it was turned to stand upright by its EXIF, or "".
+
+    Raises QuadrigError where it is none.
+    """
     if not path.is_file():
         raise QuadrigError(f"{path} is not there; give a picture")
-    picture = (
-        cv2.imdecode(np.frombuffer(path.read_bytes(), np.uint8), cv2.IMREAD_COLOR) if path.stat().st_size else None
-    )
-    if picture is None:
-        raise QuadrigError(f"{path} is not a picture that can be read; give a JPEG or PNG")
-    return np.asarray(picture, np.uint8)
+    data = path.read_bytes()
+    try:
+        return decode_file(data, gray=False), read_header(data).turned
+    except UndecodableImage as error:
+        raise QuadrigError(f"{path} is not a picture that can be read ({error}); give a JPEG or PNG") from error
 
 
 def _size(width: float | None, height: float | None, paper: str | None, portrait: bool) -> tuple[float, float] | None:

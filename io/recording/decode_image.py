@@ -1,13 +1,15 @@
 """From the bytes of one image to an array: grey for detection, BGR for looking at.
 
 Encodings are those of ROS 2 (sensor_msgs/image_encodings) and Foxglove (RawImage): both are covered by one table.
-Images come as their sensor saw them: an EXIF rotation is not applied, since it would move the principal point.
+A picture whose EXIF says that it is turned is turned: pixels are those of the picture as one sees it.
 """
 
 import cv2
 import numpy as np
 
 from quadrig.io.recording.image_message import EncodedImage
+from quadrig.io.recording.limits import too_many_pixels
+from quadrig.io.recording.picture_header import PictureHeader, read_header, upright
 from quadrig.single.arrays import Picture
 
 # Channels, bytes of a sample, and OpenCV's conversions to grey and to BGR (None: leave as it is).
@@ -38,7 +40,11 @@ _PLANAR = {
 }
 _SAME_AS = {"yuv422": "uyvy", "yuv422_yuy2": "yuyv", "yuy2": "yuyv"}
 _DEPTH = ("16uc1", "16sc1", "32fc1", "64fc1", "compresseddepth")
+# What shows through where a picture with alpha has nothing: the paper on which one would see it.
+_WHITE = 255
 
+# What OpenCV would print of damaged pictures is counted, and said in words.
+cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
 
 _REDUCED = {
     1: (cv2.IMREAD_GRAYSCALE, cv2.IMREAD_COLOR),
@@ -64,10 +70,14 @@ def decode_image(coded: EncodedImage, gray: bool = True, shrink: int = 1) -> Pic
     """
     if coded.width == 0:
         return decode_file(coded.data, gray, shrink)
+    size = f"{coded.width}x{coded.height} {coded.encoding}"
+    if coded.height == 0:
+        raise UndecodableImage(f"a {size} image has no pixels")
     try:
         return shrunk(_decode_raw(coded, gray), shrink)
-    except (cv2.error, ValueError) as error:
-        size = f"{coded.width}x{coded.height} {coded.encoding}"
+    except UndecodableImage:
+        raise
+    except (cv2.error, ValueError, MemoryError) as error:
         raise UndecodableImage(f"{len(coded.data)} bytes are no {size} image") from error
 
 
@@ -76,14 +86,41 @@ def decode_file(data: bytes, gray: bool = True, shrink: int = 1) -> Picture:
 
     A JPEG is shrunk while it is decoded, which saves most of the work.
     """
-    how = _REDUCED[shrink][0 if gray else 1]
+    try:
+        header = read_header(data)
+        if refused := too_many_pixels(header.width, header.height, header.pixel_bytes):
+            raise UndecodableImage(refused)
+        return upright(_decoded(data, header, gray, shrink), header)
+    except UndecodableImage:
+        raise
+    except (cv2.error, ValueError, MemoryError) as error:
+        raise UndecodableImage(str(error)) from error
+
+
+def _decoded(data: bytes, header: PictureHeader, gray: bool, shrink: int) -> Picture:
+    """The image as it is stored."""
     buffer = np.frombuffer(data, np.uint8)
-    image = None
-    if len(buffer):
-        image = cv2.imdecode(buffer, how | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION)
+    # OpenCV reads samples of colour TIFFs as they are or not at all, and drops alpha instead of looking through it.
+    as_stored = header.alpha or header.kind == "tiff"
+    how = _REDUCED[shrink][0 if gray else 1] | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION
+    image = cv2.imdecode(buffer, cv2.IMREAD_UNCHANGED if as_stored else how)
     if image is None:
-        raise UndecodableImage(f"{len(data)} bytes are no image that OpenCV can read")
-    return _eight_bits(image)
+        raise UndecodableImage(f"{len(data)} bytes are a damaged {header.kind.upper()}")
+    image = _eight_bits(image)
+    return shrunk(_plain(image, gray), shrink) if as_stored else image
+
+
+def _plain(image: Picture, gray: bool) -> Picture:
+    """Grey or BGR from one, three or four channels; where there is alpha, as seen on paper."""
+    if image.ndim == 3 and image.shape[2] == 4:
+        alpha = image[..., 3]
+        through = np.uint8(_WHITE) - alpha
+        image = np.dstack([cv2.add(cv2.multiply(image[..., k], alpha, scale=1 / 255), through) for k in range(3)])
+    if gray and image.ndim == 3:
+        image = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
+    elif not gray and image.ndim == 2:
+        image = cv2.cvtColor(image, cv2.COLOR_GRAY2BGR)
+    return np.asarray(image, np.uint8)
 
 
 def shrunk(image: Picture, shrink: int) -> Picture:
@@ -117,7 +154,8 @@ def _decode_raw(coded: EncodedImage, gray: bool) -> Picture:
 
 def _rows(coded: EncodedImage, rows: int, row_bytes: int) -> Picture:
     """(rows, row_bytes) uint8 without the padding at the end of each row."""
-    step = coded.step if coded.step >= row_bytes else row_bytes
+    # One row needs no step: a claimed one would be made up for with zeros.
+    step = coded.step if coded.step >= row_bytes and rows > 1 else row_bytes
     flat = np.frombuffer(coded.data, np.uint8)
     missing = rows * step - len(flat)
     # The last row may come without its padding.
@@ -127,9 +165,13 @@ def _rows(coded: EncodedImage, rows: int, row_bytes: int) -> Picture:
 
 
 def _eight_bits(image: np.ndarray) -> Picture:
-    """The upper eight of the bits in use: sensors put 10, 12 or 14 of them into sixteen."""
+    """The upper eight of the bits in use: sensors put 10, 12 or 14 of them into sixteen. Others by their maximum."""
     if image.dtype == np.uint16:
         image = image >> max(0, int(image.max(initial=0)).bit_length() - 8)
     elif image.dtype != np.uint8:
-        raise UndecodableImage(f"samples are {image.dtype}, not 8 or 16 bits")
+        samples = np.nan_to_num(image.astype(np.float32), copy=False, nan=0.0, posinf=0.0, neginf=0.0)
+        np.maximum(samples, 0, out=samples)
+        # Nothing brighter than black stays black.
+        samples *= 255 / (samples.max(initial=0) or 1)
+        image = np.rint(samples, out=samples)
     return image.astype(np.uint8, copy=False)

@@ -6,7 +6,8 @@ One reading for all: an EncodedImage and a time stamp, so that decoding knows no
 import base64
 import re
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
@@ -92,8 +93,21 @@ def _encodings(schema: str) -> tuple[str, ...]:
     return ("protobuf", "json") if schema.startswith("foxglove.") else ("cdr",)
 
 
+@contextmanager
+def _damage_as_value_error() -> Iterator[None]:
+    """The decoders of CDR, protobuf and JSON answer damaged bytes with a dozen kinds of errors; here it is one."""
+    try:
+        yield
+    except Exception as error:
+        raise ValueError(f"the message is damaged ({error or type(error).__name__})") from error
+
+
+@_damage_as_value_error()
 def read_stamp(encoding: str, data: bytes) -> int | None:
-    """Time stamp (ns) that the message itself carries, from its first bytes; 0 where unset, None where unknown."""
+    """Time stamp (ns) that the message itself carries, from its first bytes; 0 where unset, None where unknown.
+
+    Raises ValueError where the bytes are not such a message.
+    """
     if encoding == "cdr":
         order = "<" if len(data) > 1 and data[1] & 1 else ">"
         seconds, nanoseconds = struct.unpack_from(order + "iI", data, 4)
@@ -104,8 +118,12 @@ def read_stamp(encoding: str, data: bytes) -> int | None:
     return _stamp_from_json(msgspec.json.decode(found.group(1))) if found else None
 
 
+@_damage_as_value_error()
 def stamp_of_whole(encoding: str, schema: str, data: bytes) -> int:
-    """Time stamp (ns) of a whole message whose first bytes do not show it; 0 where it has none."""
+    """Time stamp (ns) of a whole message whose first bytes do not show it; 0 where it has none.
+
+    Raises ValueError where the bytes are not such a message.
+    """
     if encoding == "json":
         return _stamp_from_json(msgspec.json.decode(data).get("timestamp"))
     if encoding == "protobuf":
@@ -114,6 +132,7 @@ def stamp_of_whole(encoding: str, schema: str, data: bytes) -> int:
     return read_stamp(encoding, data) or 0
 
 
+@_damage_as_value_error()
 def read_image(encoding: str, schema: str, data: bytes) -> EncodedImage:
     """The image that a message carries. Raises ValueError where the bytes are not such a message."""
     schema = canonical_schema(schema)
@@ -131,10 +150,12 @@ def read_image(encoding: str, schema: str, data: bytes) -> EncodedImage:
     return EncodedImage(message.format.lower(), message.data)
 
 
+@_damage_as_value_error()
 def read_lens(encoding: str, schema: str, data: bytes) -> tuple[Intrinsics | None, str]:
     """The lens of a CameraInfo or CameraCalibration, and a remark where part of it could not be taken over.
 
     None where the camera was not calibrated (a matrix of zeros).
+    Raises ValueError where the bytes are not such a message.
     """
     schema = canonical_schema(schema)
     if encoding == "cdr":
@@ -151,6 +172,8 @@ def _intrinsics(width: int, height: int, model: str, d: Any, k: Any) -> tuple[In
     distortion = np.array(list(d), float)
     if len(matrix) != 9 or not (matrix[0] > 0 and matrix[4] > 0) or width <= 0 or height <= 0:
         return None, ""
+    if not (np.isfinite(matrix).all() and np.isfinite(distortion).all()):
+        return None, "its lens is not numbers and is not used"
     lens: LensModel = "fisheye" if model in ("equidistant", "fisheye", "kannala_brandt") else "pinhole"
     places = 4 if lens == "fisheye" else 5
     remark = ""
@@ -206,10 +229,7 @@ class _JsonMessage:
 
 def _foxglove_message(encoding: str, schema: str, data: bytes) -> Any:
     if encoding == "protobuf":
-        try:
-            return _protobuf_class(schema).FromString(data)
-        except Exception as error:
-            raise ValueError(str(error)) from error
+        return _protobuf_class(schema).FromString(data)
     fields = msgspec.json.decode(data)
     return _JsonMessage(
         data=base64.b64decode(fields.get("data", "")),

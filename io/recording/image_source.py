@@ -1,6 +1,5 @@
 """Where a camera's images come from: a topic, a video, a folder. Small to send to another process."""
 
-import struct
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Protocol
@@ -80,7 +79,7 @@ class McapImages:
             for index in range(len(self)):
                 try:
                     yield decode_image(opened.image(index), gray, shrink)
-                except (ValueError, AttributeError, struct.error):
+                except ValueError:
                     yield None
 
     def batches(self, indices: Ints, size: int) -> list[Ints]:

@@ -1,6 +1,5 @@
 """The messages of one topic: where they are, small to send to another process; and reading them from open files."""
 
-import struct
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +10,9 @@ import numpy as np
 from quadrig.io.recording.image_message import STAMP_BYTES, EncodedImage, read_image, read_stamp, stamp_of_whole
 from quadrig.io.recording.mcap_reader import McapBytes, TopicMessages
 from quadrig.single.arrays import Ints
+
+# ns; what a signed integer of 64 bits holds: a later time is damaged.
+_LATEST = 2**63 - 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,7 +107,9 @@ class OpenMessages:
             stamp = read_stamp(encoding, self.data(index, STAMP_BYTES))
             if stamp is None:
                 stamp = stamp_of_whole(encoding, schema, self.data(index))
-        except (ValueError, struct.error):
+        except ValueError:
+            stamp = 0
+        if not 0 < stamp <= _LATEST:
             stamp = 0
         topic, message = self._place(index)
         return stamp or int(topic.log_times[message])

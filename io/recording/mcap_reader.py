@@ -7,6 +7,8 @@ Record layouts: the MCAP specification, version 0.
 """
 
 import struct
+import zlib
+from array import array
 from collections import OrderedDict
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -16,9 +18,11 @@ from typing import BinaryIO
 
 import numpy as np
 from mcap.data_stream import ReadDataStream
+from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Channel, Footer, Schema, Statistics
 
+from quadrig.io.recording.limits import most_bytes, too_many_bytes
 from quadrig.single.arrays import Ints
 from quadrig.single.errors import QuadrigError
 
@@ -34,6 +38,15 @@ _FOOTER_BYTES = _RECORD_HEADER.size + 20
 _KEPT_CHUNKS = 2
 _TOP_LEVEL = -1
 _NO_RECORD = 0
+# Longer than any topic, schema or name of a compression: what claims more is damaged.
+_LONGEST_DEFINITION = 1 << 24
+_LONGEST_NAME = 64
+# Of compressed data that breaks off, all but the last piece can be had: small against a picture.
+_PIECE = 1 << 16
+_UNSIGNED = 2**64 - 1
+_MOST_REMARKS = 3
+# What damaged bytes make of the parsers here and in the mcap package.
+_DAMAGE = (McapError, struct.error, EOFError, IndexError, ValueError, OverflowError, OSError)
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,14 +102,18 @@ def index_mcap(path: Path) -> McapIndex:
         indexed = scan.use_summary()
         if not indexed:
             scan.walk()
-        return McapIndex(path, scan.topics(), indexed, scan.note)
+        return McapIndex(path, scan.topics(), indexed, scan.note())
 
 
 class McapBytes:
-    """The bytes of messages of one file; keeps the file open, so one for each process."""
+    """The bytes of messages of one file; keeps the file open, so one for each process.
+
+    A compressed chunk whose sum does not agree counts as damaged.
+    """
 
     def __init__(self, path: Path) -> None:
         self._stream = path.open("rb")
+        self._size = path.stat().st_size
         self._chunks: OrderedDict[int, tuple[int, bytes | None]] = OrderedDict()
 
     def close(self) -> None:
@@ -111,31 +128,48 @@ class McapBytes:
         if chunk != _TOP_LEVEL:
             start, data = self._chunk(chunk)
             if data is not None:
-                return _message_data(data[offset : offset + _MESSAGE_START], data, offset + _MESSAGE_START, limit)
+                begin = offset + _MESSAGE_START
+                return data[begin : begin + _message_length(data[offset:begin], len(data) - begin, limit)]
             offset += start
+        if not 0 <= offset < self._size:
+            raise ValueError("the index leads out of the file")
         self._stream.seek(offset)
-        return _message_data(self._stream.read(_MESSAGE_START), self._stream, 0, limit)
+        header = self._stream.read(_MESSAGE_START)
+        return self._stream.read(_message_length(header, self._size - offset - _MESSAGE_START, limit))
 
     def _chunk(self, chunk: int) -> tuple[int, bytes | None]:
         """File offset of the chunk's records, and their bytes where they are compressed."""
         if chunk in self._chunks:
             self._chunks.move_to_end(chunk)
             return self._chunks[chunk]
-        self._stream.seek(chunk)
-        start, stored, _, compression = _read_chunk_header(self._stream)
-        data = None
-        if compression:
-            try:
-                data = _decompress(self._stream.read(stored), compression)
-            except QuadrigError:
-                raise
-            except Exception:
-                data = b""
+        start, data = self._read_chunk(chunk)
         self._chunks[chunk] = (start, data)
         compressed = [key for key, (_, kept) in self._chunks.items() if kept is not None]
         for old in compressed[:-_KEPT_CHUNKS]:
             del self._chunks[old]
         return start, data
+
+    def _read_chunk(self, chunk: int) -> tuple[int, bytes | None]:
+        if not 0 <= chunk < self._size:
+            raise ValueError("the index leads out of the file")
+        self._stream.seek(chunk)
+        try:
+            header = _read_chunk_header(self._stream)
+        except _DAMAGE:
+            return 0, b""
+        if not header.compression:
+            return header.start, None
+        # Two of the largest would be too much at once.
+        if header.size > most_bytes() // _KEPT_CHUNKS:
+            self._chunks.clear()
+        try:
+            data = _decompress(self._stream.read(min(header.stored, self._size)), header)
+        except _RefusedError:
+            raise
+        except Exception:
+            return header.start, b""
+        damaged = header.crc != 0 and len(data) == header.size and zlib.crc32(data) != header.crc
+        return header.start, b"" if damaged else data
 
 
 class _Scan:
@@ -147,8 +181,9 @@ class _Scan:
         self.channels: dict[int, Channel] = {}
         # By channel: a chunk's file offset, and its index entries (log time, offset; <u8 each) for that channel.
         self.entries: dict[int, list[tuple[int, bytes]]] = {}
-        self.loose: dict[int, list[tuple[int, int, int]]] = {}
-        self.note = ""
+        # By channel: log time, chunk and offset of each message that no index has, one after the other.
+        self.loose: dict[int, array[int]] = {}
+        self.remarks: list[str] = []
 
     def use_summary(self) -> bool:
         """Take everything from the summary; False where it is missing, broken or has no message index."""
@@ -159,11 +194,13 @@ class _Scan:
             for op, data in records:
                 self._definition(op, data)
             for start, behind, length in chunks:
+                if not start < behind <= behind + length <= self.size:
+                    raise ValueError("the index leads out of the file")
                 self.stream.seek(behind)
                 for op, data in _records(self.stream.read(length)):
                     if op == Opcode.MESSAGE_INDEX:
                         self._message_index(data, start)
-        except (struct.error, EOFError, IndexError, ValueError, OSError):
+        except _DAMAGE:
             self.entries.clear()
             return False
         found = sum(len(data) for parts in self.entries.values() for _, data in parts) // _INDEX_ENTRY_BYTES
@@ -198,10 +235,10 @@ class _Scan:
             elif op == _NO_RECORD:
                 self._say(f"the file is damaged at byte {position}, and what follows is skipped")
                 return
-            elif op == Opcode.MESSAGE:
+            elif op == Opcode.MESSAGE and length >= _MESSAGE_HEADER.size:
                 self._message(self.stream.read(_MESSAGE_HEADER.size), _TOP_LEVEL, position)
             elif op in (Opcode.SCHEMA, Opcode.CHANNEL):
-                self._definition(op, self.stream.read(length))
+                self._definition(op, self.stream.read(min(length, _LONGEST_DEFINITION)))
             position = end
 
     def topics(self) -> tuple[TopicMessages, ...]:
@@ -211,8 +248,7 @@ class _Scan:
             schema = self.schemas.get(channel.schema_id)
             key = (channel.topic, channel.message_encoding, schema.name if schema else "")
             parts.setdefault(key, []).append(_places(self.entries.get(channel.id, [])))
-            loose = self.loose.get(channel.id, [])
-            parts[key].append(np.array(loose, np.int64).reshape(-1, 3))
+            parts[key].append(np.array(self.loose.get(channel.id, ()), np.uint64).astype(np.int64).reshape(-1, 3))
         topics = []
         for (topic, encoding, schema), arrays in sorted(parts.items()):
             places = np.concatenate(arrays)
@@ -222,9 +258,9 @@ class _Scan:
 
     def _summary_records(self) -> Iterator[tuple[int, bytes]]:
         end = self.size - len(MAGIC) - _FOOTER_BYTES
-        self.stream.seek(end)
+        self.stream.seek(max(end, 0))
         tail = self.stream.read()
-        if tail[_FOOTER_BYTES:] != MAGIC or tail[0] != Opcode.FOOTER:
+        if end < 0 or tail[_FOOTER_BYTES:] != MAGIC or tail[0] != Opcode.FOOTER:
             raise EOFError
         footer = Footer.read(_stream(tail[_RECORD_HEADER.size :]))
         if not 0 < footer.summary_start < end:
@@ -233,48 +269,56 @@ class _Scan:
         yield from _records(self.stream.read(end - footer.summary_start))
 
     def _definition(self, op: int, data: bytes) -> None:
-        if op == Opcode.SCHEMA:
-            schema = Schema.read(_stream(data))
-            self.schemas[schema.id] = schema
-        elif op == Opcode.CHANNEL:
-            channel = Channel.read(_stream(data))
-            self.channels[channel.id] = channel
+        """Take in a schema or channel; one that is damaged is as good as none."""
+        try:
+            if op == Opcode.SCHEMA:
+                schema = Schema.read(_stream(data))
+                self.schemas[schema.id] = schema
+            elif op == Opcode.CHANNEL:
+                channel = Channel.read(_stream(data))
+                self.channels[channel.id] = channel
+        except _DAMAGE:
+            self._say("a topic's description is damaged, and its messages are left out")
 
     def _message_index(self, data: bytes, chunk: int) -> int:
         """Take in one MessageIndex record of a chunk; the channel's id."""
         channel, length = struct.unpack_from("<HI", data)
-        if length:
-            self.entries.setdefault(channel, []).append((chunk, data[6 : 6 + length]))
+        entries = data[6 : 6 + length]
+        if len(entries) % _INDEX_ENTRY_BYTES:
+            raise ValueError("an index breaks off")
+        if entries:
+            self.entries.setdefault(channel, []).append((chunk, entries))
         return channel
 
     def _message(self, header: bytes, chunk: int, offset: int) -> None:
         channel, _, log_time, _ = _MESSAGE_HEADER.unpack(header)
-        self.loose.setdefault(channel, []).append((log_time, chunk, offset))
+        self.loose.setdefault(channel, array("Q")).extend((log_time, chunk & _UNSIGNED, offset))
 
     def _walk_chunk(self, position: int, end: int) -> int:
         """Take in the messages of a chunk, from the index behind it where there is one; where to go on."""
         self.stream.seek(position)
         try:
-            _, stored, size, compression = _read_chunk_header(self.stream)
-        except (struct.error, UnicodeDecodeError):
+            header = _read_chunk_header(self.stream)
+        except _DAMAGE:
+            self._say(f"the chunk at byte {position} is damaged and skipped")
             return end
-        data_start = self.stream.tell()
         next_record, channels = self._message_indexes_behind(end, position)
         if channels and channels <= set(self.channels):
             return next_record
-        self.stream.seek(data_start)
+        self.stream.seek(header.start)
         try:
-            data = _decompress(self.stream.read(min(stored, end - data_start)), compression)
-        except QuadrigError as error:
-            raise QuadrigError(f"{self.path}: {error}") from error
+            data = _decompress(self.stream.read(max(0, min(header.stored, end - header.start))), header)
+        except _RefusedError as error:
+            self._say(f"the chunk at byte {position} is left out: {error}")
+            return next_record
         except Exception:
             self._say(f"the chunk at byte {position} is damaged and skipped")
             return next_record
         # A chunk at the end of a cut file is reported as the cut; of others the two lengths must agree.
-        if end < self.size and (len(data) < size or data_start + stored != end):
+        if end < self.size and (len(data) < header.size or header.start + header.stored != end):
             self._say(f"the chunk at byte {position} is damaged and used as far as it goes")
         for offset, op, begin, stop in _record_places(data):
-            if op == Opcode.MESSAGE and not channels:
+            if op == Opcode.MESSAGE and not channels and stop - begin >= _MESSAGE_HEADER.size:
                 self._message(data[begin : begin + _MESSAGE_HEADER.size], position, offset)
             elif op in (Opcode.SCHEMA, Opcode.CHANNEL):
                 self._definition(op, data[begin:stop])
@@ -288,32 +332,38 @@ class _Scan:
             if len(header) < _RECORD_HEADER.size or header[0] != Opcode.MESSAGE_INDEX:
                 return end, channels
             length = _RECORD_HEADER.unpack(header)[1]
-            data = self.stream.read(length)
-            if len(data) < length:
+            try:
+                if end + _RECORD_HEADER.size + length > self.size:
+                    raise EOFError
+                channels.add(self._message_index(self.stream.read(length), chunk))
+            except _DAMAGE:
                 # The rest of the index is lost, but the chunk is whole: its own records say what is in it.
                 for parts in self.entries.values():
                     parts[:] = [part for part in parts if part[0] != chunk]
                 return end, set()
-            channels.add(self._message_index(data, chunk))
             end += _RECORD_HEADER.size + length
 
     def _cut_off(self, position: int) -> None:
         self._say(f"the file was cut off at byte {self.size} (the last whole record ends at byte {position})")
 
     def _say(self, sentence: str) -> None:
-        self.note = f"{self.note}; {sentence}" if self.note else sentence
+        self.remarks.append(sentence)
+
+    def note(self) -> str:
+        """What was damaged: the first of it in words, for there may be thousands."""
+        more = len(self.remarks) - _MOST_REMARKS
+        return "; ".join([*self.remarks[:_MOST_REMARKS], *([f"and {more} more such places"] if more > 0 else [])])
 
 
-def _message_data(header: bytes, source: bytes | BinaryIO, begin: int, limit: int | None) -> bytes:
-    """The data of the message with this header, from where it begins in bytes, or next in a file."""
+def _message_length(header: bytes, left: int, limit: int | None) -> int:
+    """How many bytes to read of the data of the message with this header, behind which so many are left."""
     if len(header) < _MESSAGE_START or header[0] != Opcode.MESSAGE:
         raise ValueError("no message where the index has one")
     length = _RECORD_HEADER.unpack_from(header)[1] - _MESSAGE_HEADER.size
     wanted = length if limit is None else min(limit, length)
-    data = source[begin : begin + wanted] if isinstance(source, bytes) else source.read(wanted)
-    if len(data) < wanted:
+    if not 0 <= wanted <= left:
         raise ValueError("the message breaks off")
-    return data
+    return wanted
 
 
 def _read_chunk_index(data: bytes) -> tuple[int, int, int]:
@@ -335,28 +385,66 @@ def _stream(data: bytes) -> ReadDataStream:
     return ReadDataStream(BytesIO(data))
 
 
-def _read_chunk_header(stream: BinaryIO) -> tuple[int, int, int, str]:
-    """From the start of a Chunk record: where its data starts, bytes stored, bytes uncompressed, compression."""
+class _RefusedError(ValueError):
+    """A chunk that is not decompressed; the message says why."""
+
+
+@dataclass(frozen=True)
+class _ChunkHeader:
+    """start: file offset of the chunk's data; stored: its bytes there; size: uncompressed; crc: of those."""
+
+    start: int
+    stored: int
+    size: int
+    crc: int
+    compression: str
+
+
+def _read_chunk_header(stream: BinaryIO) -> _ChunkHeader:
+    """From the start of a Chunk record."""
     stream.seek(_RECORD_HEADER.size, 1)
-    _, _, uncompressed, _, name_length = _CHUNK_HEADER.unpack(stream.read(_CHUNK_HEADER.size))
+    _, _, uncompressed, crc, name_length = _CHUNK_HEADER.unpack(stream.read(_CHUNK_HEADER.size))
+    if name_length > _LONGEST_NAME:
+        raise ValueError("the name of the compression is damaged")
     compression = stream.read(name_length).decode()
     (stored,) = struct.unpack("<Q", stream.read(8))
-    return stream.tell(), stored, uncompressed, compression
+    return _ChunkHeader(stream.tell(), stored, uncompressed, crc, compression)
 
 
-def _decompress(data: bytes, compression: str) -> bytes:
-    """The chunk's records; of compressed data that breaks off, as much as can be had."""
-    if compression == "zstd":
-        import zstandard
+def _decompress(data: bytes, header: _ChunkHeader) -> bytes:
+    """The chunk's records, no more than it claims; of compressed data that breaks off, as much as can be had.
 
-        return zstandard.ZstdDecompressor().decompressobj().decompress(data)
-    if compression == "lz4":
+    Raises _RefusedError where it claims too much, or is compressed in another way.
+    """
+    if not header.compression:
+        return data
+    if refused := too_many_bytes(header.size):
+        raise _RefusedError(f"it unfolds to more than is read: {refused}")
+    if header.compression == "zstd":
+        return _from_zstd(data, header.size)
+    if header.compression == "lz4":
         import lz4.frame
 
-        return lz4.frame.LZ4FrameDecompressor().decompress(data)
-    if compression:
-        raise QuadrigError(f"chunks are compressed with {compression!r}; convert the recording to lz4 or zstd")
-    return data
+        return lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=header.size)
+    raise _RefusedError(f"it is compressed with {header.compression!r}; convert the recording to lz4 or zstd")
+
+
+def _from_zstd(data: bytes, size: int) -> bytes:
+    import zstandard
+
+    parts: list[bytes] = []
+    left = size
+    with zstandard.ZstdDecompressor().stream_reader(BytesIO(data)) as reader:
+        while left > 0:
+            try:
+                part = reader.read(min(left, _PIECE))
+            except zstandard.ZstdError:
+                break
+            if not part:
+                break
+            parts.append(part)
+            left -= len(part)
+    return b"".join(parts)
 
 
 def _record_places(data: bytes) -> Iterator[tuple[int, int, int, int]]:

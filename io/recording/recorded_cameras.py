@@ -1,6 +1,5 @@
 """Recordings: which cameras they hold, and their images, be they MCAP files, videos or folders of images."""
 
-import struct
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -214,7 +213,7 @@ def _camera_of_topic(
                 if holds_video(messages.schema):
                     return camera_of_source(camera_name(name), name, McapVideo(messages, coded.encoding))
                 height, width = decode_image(coded).shape
-            except (ValueError, AttributeError, struct.error) as error:
+            except ValueError as error:
                 reason = str(error)
                 continue
             return RecordedCamera(camera_name(name), name, width, height, McapImages(messages, coded.encoding))
@@ -229,7 +228,7 @@ def _with_prior(camera: RecordedCamera, priors: Mapping[str, TopicMessages], not
     try:
         with McapMessages.of([topic]).opened() as opened:
             lens, remark = read_lens(topic.encoding, topic.schema, opened.data(0))
-    except (ValueError, AttributeError, struct.error):
+    except ValueError:
         notes.append(f"topic {topic.topic} cannot be read; camera {camera.name!r} has no lens to begin with")
         return camera
     if remark:

@@ -9,6 +9,9 @@ from quadrig.single.errors import QuadrigError
 from quadrig.single.rectangle import FoundTags, Marking, Rectangle
 from quadrig.single.view import View
 
+# No marking has fewer cells, and halved for a first look such a picture would have no pixels left.
+_SMALLEST = 8
+
 
 def detect_views(
     image: Picture, rectangles: Sequence[Rectangle], *, near: Sequence[View] | None = None
@@ -26,6 +29,8 @@ def detect_views(
     """
     check_rectangles(rectangles)
     grey = grey_image(image)
+    if min(grey.shape) < _SMALLEST:
+        return []
     before = None if near is None else {view.rectangle: view for view in near}
     views = _search(grey, [r for r in rectangles if r.marking.tags is None], before)
     for members in families(rectangles).values():

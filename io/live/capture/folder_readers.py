@@ -3,10 +3,8 @@
 import time
 from pathlib import Path
 
-import cv2
-import numpy as np
-
 from quadrig.io.live.capture.reader import NETWORK_PATIENCE, PictureData, SourceLostError
+from quadrig.io.recording.decode_image import UndecodableImage, decode_file
 from quadrig.io.recording.image_folder import IMAGE_SUFFIXES
 from quadrig.single.errors import QuadrigError
 
@@ -78,5 +76,7 @@ class WatchReader:
 def _picture_file(path: Path) -> PictureData:
     if path.suffix.lower() in (".jpg", ".jpeg", ".png"):
         return path.read_bytes()
-    picture = cv2.imread(str(path), cv2.IMREAD_COLOR)
-    return b"" if picture is None else np.asarray(picture, np.uint8)
+    try:
+        return decode_file(path.read_bytes(), gray=False)
+    except UndecodableImage:
+        return b""

@@ -6,6 +6,7 @@ from functools import cached_property
 import cv2
 import numpy as np
 
+from quadrig.io.recording.decode_image import UndecodableImage, decode_file
 from quadrig.single.arrays import Picture
 from quadrig.single.errors import QuadrigError
 
@@ -39,7 +40,7 @@ class Frame:
     def grey(self) -> Picture:
         """The picture (H, W) in grey. Raises QuadrigError where the bytes are no picture."""
         if self.picture is None:
-            return self._decode(cv2.IMREAD_GRAYSCALE)
+            return self._decoded()
         if self.picture.ndim == 2:
             return self.picture
         return np.asarray(cv2.cvtColor(self.picture, cv2.COLOR_BGR2GRAY), np.uint8)
@@ -67,8 +68,9 @@ class Frame:
         """ "png" or "jpeg": what jpeg() returns."""
         return "png" if self.encoded.startswith(b"\x89PNG") else "jpeg"
 
-    def _decode(self, mode: int) -> Picture:
-        picture = cv2.imdecode(np.frombuffer(self.encoded, np.uint8), mode) if self.encoded else None
-        if picture is None:
-            raise QuadrigError(f"camera {self.camera!r}: a picture arrived damaged; look at its cable or network")
-        return np.asarray(picture, np.uint8)
+    def _decoded(self) -> Picture:
+        try:
+            return decode_file(self.encoded)
+        except UndecodableImage as error:
+            what = f"camera {self.camera!r}: a picture arrived damaged ({error}); look at its cable or network"
+            raise QuadrigError(what) from error

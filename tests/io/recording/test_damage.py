@@ -1,0 +1,193 @@
+"""Damaged recordings and pictures: what is whole is used, one sentence says the rest, and nothing claims memory."""
+
+import random
+import struct
+import subprocess
+import sys
+import tracemalloc
+import zlib
+from collections.abc import Callable
+from typing import Any
+
+import cv2
+import lz4.frame
+import numpy as np
+import pytest
+import zstandard
+
+from quadrig.io.commands.main import run
+from quadrig.io.recording.decode_image import UndecodableImage, decode_file, decode_image
+from quadrig.io.recording.framesets import build_framesets
+from quadrig.io.recording.image_message import EncodedImage
+from quadrig.io.recording.mcap_reader import MAGIC, index_mcap
+from quadrig.io.recording.recorded_cameras import open_recording
+from quadrig.single.errors import QuadrigError
+
+foxglove = pytest.importorskip("foxglove")
+
+
+def mutated(data: bytes, draw: random.Random) -> bytes:
+    changed = bytearray(data)
+    for _ in range(draw.choice((1, 1, 2, 8, 30))):
+        place = draw.randrange(max(len(changed), 1))
+        match draw.randrange(4):
+            case 0:
+                changed[place : place + 1] = draw.randbytes(1)
+            case 1:
+                changed[place : place + 8] = draw.choice((b"\xff" * 8, bytes(8), b"\xff\xff\xff\x7f\0\0\0\0"))
+            case 2:
+                del changed[place : place + draw.randrange(1, 60)]
+            case _:
+                changed[place:place] = draw.randbytes(draw.randrange(1, 20))
+    return bytes(changed)
+
+
+def attempt(call: Callable, *given, **options) -> tuple[Any, str]:
+    """What a call gives, or the one line that it refuses with; any other error is a failure of the test."""
+    try:
+        return call(*given, **options), ""
+    except (QuadrigError, UndecodableImage) as error:
+        return None, str(error)
+
+
+@pytest.fixture(scope="module")
+def recordings(tmp_path_factory, load_script, pictures):
+    writer = load_script("tests/io/recording/test_mcap_reader.py")
+    folder = tmp_path_factory.mktemp("whole")
+    for k, options in enumerate(writer.WRITERS.values()):
+        writer.write(folder / f"{k}.mcap", pictures, **options)
+    return [path.read_bytes() for path in sorted(folder.iterdir())]
+
+
+@pytest.mark.parametrize("seed", range(60))
+def test_mutated_recordings_give_what_is_whole_or_one_sentence(tmp_path, recordings, seed):
+    draw = random.Random(seed)
+    path = tmp_path / "a.mcap"
+    for data in recordings:
+        path.write_bytes(mutated(data, draw))
+        recording, said = attempt(open_recording, [path])
+        assert "\n" not in said
+        if recording is None:
+            continue
+        build_framesets(recording)
+        for camera in recording.cameras:
+            assert len(list(camera.source.images())) == camera.frames
+
+
+def test_one_flipped_bit_costs_no_more_than_a_chunk_or_topic(tmp_path, recordings):
+    """Of 24 pictures in chunks of 8000 bytes, wherever in the file the bit lies."""
+    path = tmp_path / "a.mcap"
+    draw = random.Random(1)
+    for data in recordings:
+        for _ in range(12):
+            changed = bytearray(data)
+            changed[draw.randrange(len(MAGIC), len(data))] ^= 1 << draw.randrange(8)
+            path.write_bytes(bytes(changed))
+            recording, said = attempt(open_recording, [path])
+            if recording is None:
+                # A length at the beginning of the file that claims all of it.
+                assert "the file was cut off" in said or "damaged" in said or "beyond the limit" in said
+                continue
+            assert any(image is not None for camera in recording.cameras for image in camera.source.images())
+
+
+def chunk_file(compression: str, stored: bytes, size: int) -> bytes:
+    name = compression.encode()
+    body = struct.pack("<QQQII", 0, 0, size, 0, len(name)) + name + struct.pack("<Q", len(stored)) + stored
+    header = struct.pack("<BQII", 1, 8, 0, 0)
+    return MAGIC + header + struct.pack("<BQ", 6, len(body)) + body
+
+
+@pytest.mark.parametrize("compression", ["zstd", "lz4"])
+@pytest.mark.parametrize("honest", [True, False])
+def test_a_bomb_is_not_unfolded(tmp_path, compression, honest, monkeypatch):
+    """A gigabyte of zeros in some kilobytes, with its size told truly, and with a lie."""
+    monkeypatch.setenv("RIG_LARGEST", "16")
+    zeros = bytes(1 << 24)
+    if compression == "zstd":
+        stored = zstandard.ZstdCompressor(level=9).compress(zeros) * 64
+    else:
+        stored = lz4.frame.compress(zeros * 16, compression_level=9)
+    path = tmp_path / "bomb.mcap"
+    path.write_bytes(chunk_file(compression, stored, 1 << 30 if honest else 1000))
+    tracemalloc.start()
+    note = index_mcap(path).note
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 100e6
+    assert ("RIG_LARGEST=358 raises it" in note) == honest
+    with pytest.raises(QuadrigError, match="no images in this recording"):
+        open_recording([path])
+
+
+def png(width: int, height: int) -> bytes:
+    def chunk(kind: bytes, data: bytes) -> bytes:
+        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+
+    header = struct.pack(">IIBBBBB", width, height, 8, 0, 0, 0, 0)
+    data = chunk(b"IHDR", header) + chunk(b"IDAT", zlib.compress(bytes(9))) + chunk(b"IEND", b"")
+    return b"\x89PNG\r\n\x1a\n" + data
+
+
+@pytest.mark.parametrize("size", [(32000, 32000), (200000, 200000), (20000, 20000)])
+def test_absurd_pictures_are_refused_by_their_claim(tmp_path, size, capsys, monkeypatch):
+    path = tmp_path / "absurd.png"
+    path.write_bytes(png(*size))
+    assert run(["single", str(path), "--paper", "A4"]) == 1
+    said = capsys.readouterr().err
+    megapixels = size[0] * size[1] // 10**6
+    assert f"{size[0]}x{size[1]} px is beyond the limit of 128 megapixels" in said
+    assert f"RIG_LARGEST={megapixels} raises it" in said
+    monkeypatch.setenv("RIG_LARGEST", "none")
+    assert run(["single", str(path), "--paper", "A4"]) == 1
+    assert "whole number" in capsys.readouterr().err
+
+
+def test_a_large_picture_is_read_where_the_limit_is_raised(monkeypatch):
+    data = cv2.imencode(".png", np.zeros((500, 2100), np.uint8))[1].tobytes()
+    monkeypatch.setenv("RIG_LARGEST", "1")
+    with pytest.raises(UndecodableImage, match="RIG_LARGEST=2 raises it"):
+        decode_file(data)
+    monkeypatch.setenv("RIG_LARGEST", "2")
+    assert decode_file(data).shape == (500, 2100)
+
+
+@pytest.mark.parametrize("suffix", [".jpg", ".png", ".webp", ".tiff", ".bmp", ".ppm", ".jp2"])
+def test_mutated_pictures_are_pictures_or_undecodable(pictures, suffix):
+    data = cv2.imencode(suffix, pictures.picture(3))[1].tobytes()
+    assert pictures.number(decode_file(data)) == 3
+    draw = random.Random(suffix)
+    for _ in range(150):
+        image, said = attempt(decode_file, mutated(data, draw), gray=draw.random() < 0.5)
+        assert said if image is None else image.dtype == np.uint8
+
+
+@pytest.mark.parametrize("claim", [{"height": 0}, {"step": 2**32 - 1}, {"width": 2**31, "height": 2**31}])
+def test_raw_images_that_claim_what_they_have_not(claim):
+    coded = {"width": 8, "height": 1, "step": 8} | claim
+    tracemalloc.start()
+    try:
+        image = decode_image(EncodedImage("mono8", bytes(8), **coded))
+        assert image.shape == (1, 8)
+    except UndecodableImage:
+        pass
+    assert tracemalloc.get_traced_memory()[1] < 1e6
+    tracemalloc.stop()
+
+
+def test_no_more_than_a_gigabyte_for_all_of_them(tmp_path):
+    """The resident size of a process of its own that meets every bomb at the limit as it is."""
+    (tmp_path / "zstd.mcap").write_bytes(
+        chunk_file("zstd", zstandard.ZstdCompressor().compress(bytes(1 << 24)) * 400, 6_553_600_000)
+    )
+    (tmp_path / "lz4.mcap").write_bytes(chunk_file("lz4", lz4.frame.compress(bytes(1 << 30)), 1 << 30))
+    (tmp_path / "a.png").write_bytes(png(32000, 32000))
+    script = (
+        "import resource, sys\nfrom quadrig.io.commands.main import run\n"
+        "before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss\n"
+        "for name in ('zstd.mcap', 'lz4.mcap'):\n    assert run(['info', sys.argv[1] + '/' + name]) == 1\n"
+        "assert run(['single', sys.argv[1] + '/a.png', '--paper', 'A4']) == 1\n"
+        "print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before)"
+    )
+    done = subprocess.run([sys.executable, "-c", script, str(tmp_path)], capture_output=True, text=True, check=True)
+    assert int(done.stdout) < 1 << 20
