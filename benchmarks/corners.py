@@ -22,6 +22,7 @@ from quadrig.single.markings.april_grid import AprilGridMarking
 from quadrig.single.markings.blank_sheet import PlainMarking
 from quadrig.single.markings.charuco import CharucoMarking
 from quadrig.single.markings.chessboard import ChessboardMarking
+from quadrig.single.markings.circle_grid import CircleGridMarking
 from quadrig.single.markings.tag import TagMarking
 from quadrig.single.pose import Pose
 from quadrig.single.rectangle import Rectangle
@@ -36,6 +37,8 @@ MARKED = {
     "tag": Rectangle("tag", 0.16, 0.16, TagMarking("apriltag_36h11", 5)),
     "charuco": Rectangle("board", 0.25, 0.2, CharucoMarking(5, 4, 0.05, 0.038, "aruco_4x4_50")),
     "aprilgrid": Rectangle("april", 0.2835, 0.216, AprilGridMarking(4, 3, 0.054, 0.25)),
+    "circles": Rectangle("dots", 0.28, 0.24, CircleGridMarking(7, 6, 0.04)),
+    "asymmetric": Rectangle("dots", 0.24, 0.27, CircleGridMarking(4, 9, 0.03, asymmetric=True)),
     "chessboard": Rectangle("chess", 0.28, 0.24, ChessboardMarking(7, 6, 0.04)),
     "sheet": Rectangle("sheet", 0.297, 0.21, PlainMarking()),
 }

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from quadrig.single.markings.boards import board_points as board_points
     from quadrig.single.markings.charuco import CharucoMarking as CharucoMarking
     from quadrig.single.markings.chessboard import ChessboardMarking as ChessboardMarking
+    from quadrig.single.markings.circle_grid import CircleGridMarking as CircleGridMarking
     from quadrig.single.markings.registry import register as register
     from quadrig.single.markings.tag import TagMarking as TagMarking
     from quadrig.single.patch import Patch as Patch
@@ -67,6 +68,7 @@ _MODULE_OF = {
     "board_points": "markings.boards",
     "CharucoMarking": "markings.charuco",
     "ChessboardMarking": "markings.chessboard",
+    "CircleGridMarking": "markings.circle_grid",
     "register": "markings.registry",
     "TagMarking": "markings.tag",
     "Patch": "patch",

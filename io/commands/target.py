@@ -10,7 +10,7 @@ import typer
 from quadrig.io.config.rig_toml import RigConfig, config_text, read_config
 from quadrig.io.sheet.layout import (
     Paper,
-    largest_square,
+    largest_step,
     largest_tag,
     paper_named,
     parse_ids,
@@ -24,13 +24,17 @@ from quadrig.rig.words import read_length
 from quadrig.single.detect.dictionaries import canonical_dictionary, tag_dictionary
 from quadrig.single.detect.image_search import check_rectangles
 from quadrig.single.errors import QuadrigError
+from quadrig.single.markings.april_grid import AprilGridMarking
 from quadrig.single.markings.charuco import CharucoMarking
 from quadrig.single.markings.chessboard import ChessboardMarking
+from quadrig.single.markings.circle_grid import CircleGridMarking
 from quadrig.single.markings.tag import TagMarking
-from quadrig.single.rectangle import Rectangle
+from quadrig.single.rectangle import Marking, Rectangle
 
 # Share of a ChArUco square's side that its tag takes: the white around it is what the tag needs to be found.
 _MARKER_SHARE = 0.75
+# Gap between an AprilGrid's tags over their side: that of Kalibr's own.
+_SPACING = 0.3
 
 
 class Kind(StrEnum):
@@ -38,22 +42,38 @@ class Kind(StrEnum):
 
     tag = "tag"
     charuco = "charuco"
+    aprilgrid = "aprilgrid"
     chessboard = "chessboard"
+    circles = "circles"
+    acircles = "acircles"
+
+
+# Columns and rows of a board where none are given: an odd and an even count, so that a chessboard turned by 180
+# degrees differs from itself; Kalibr's and OpenCV's own.
+_USUAL = {
+    Kind.charuco: (7, 5),
+    Kind.aprilgrid: (6, 6),
+    Kind.chessboard: (9, 6),
+    Kind.circles: (7, 6),
+    Kind.acircles: (4, 11),
+}
 
 
 def target(
     kind: Annotated[Kind, typer.Option(help="What to print.")] = Kind.tag,
     ids: Annotated[str, typer.Option(help="Tag ids, such as 0-3 or 1,4,9; for a board its first one.")] = "0",
     dictionary: Annotated[
-        str | None, typer.Option(help="Tag dictionary; apriltag_36h11 for tags, aruco_4x4_50 for boards.")
+        str | None,
+        typer.Option(help="Tag dictionary; else apriltag_36h11, for charuco aruco_4x4_50."),
     ] = None,
     paper: Annotated[str, typer.Option(help="A5, A4, A3, A2, letter or legal.")] = "A4",
     output: Annotated[Path | None, typer.Option("-o", "--output", help="PDF to write.")] = None,
     size: Annotated[
-        str | None, typer.Option(help="Side of a tag, or of a board's square, such as 80mm; as large as fits.")
+        str | None,
+        typer.Option(help="Side of a tag or square, or spacing of circles, such as 80mm; as large as fits."),
     ] = None,
-    columns: Annotated[int | None, typer.Option(min=2, help="Squares of a board along its width.")] = None,
-    rows: Annotated[int | None, typer.Option(min=2, help="Squares of a board along its height.")] = None,
+    columns: Annotated[int | None, typer.Option(min=2, help="Squares, tags or circles along its width.")] = None,
+    rows: Annotated[int | None, typer.Option(min=2, help="Squares, tags or circles along its height.")] = None,
     per_page: Annotated[int, typer.Option(min=1, max=24, help="Tags on a page.")] = 1,
     name: Annotated[str | None, typer.Option(help="Name in rig.toml; tags add their id to it.")] = None,
     moving: Annotated[
@@ -71,7 +91,8 @@ def target(
     Print at actual size and measure the ruler; where it is not as long as it says, run the same command with
     --measured (and --config rig.toml): the lines then give the size that was really printed.
 
-    Example: rig target --kind tag --ids 0-3 --paper A4 -o sheet.pdf
+    Examples: rig target --kind tag --ids 0-3 --paper A4 -o sheet.pdf;
+    rig target --kind aprilgrid --columns 6 --rows 6 -o april.pdf (Kalibr's layout)
     """
     scale = 1.0 if measured is None else parse_measured(measured)
     moves = kind is not Kind.tag if moving is None else moving
@@ -79,13 +100,14 @@ def target(
         page = paper_named(paper, across=False)
         rectangles = _tags(ids, dictionary, page, size, per_page, name or "tag", moves)
     else:
-        # By default an odd and an even count, so that a chessboard turned by 180 degrees differs from itself.
-        usual = (9, 6) if kind is Kind.chessboard else (7, 5)
-        columns, rows = columns or usual[0], rows or usual[1]
-        page = paper_named(paper, across=columns >= rows)
-        square = read_length(size, "mm") if size else largest_square(page, columns, rows)
-        marking = _board_marking(kind, columns, rows, square, ids, dictionary)
-        rectangles, per_page = [Rectangle(name or "board", columns * square, rows * square, marking, moves)], 1
+        columns, rows = columns or _USUAL[kind][0], rows or _USUAL[kind][1]
+        whole = _board(name, _board_marking(kind, columns, rows, 1.0, ids, dictionary), moves)
+        border = 2 * whole.marking.quiet_zone(whole)
+        across, down = whole.width + border, whole.height + border
+        page = paper_named(paper, across=across >= down)
+        step = read_length(size, "mm") if size else largest_step(page, across, down)
+        rectangles = [_board(name, _board_marking(kind, columns, rows, step, ids, dictionary), moves)]
+        per_page = 1
     check_rectangles(rectangles)
     if output is not None:
         drawing = target_pdf(rectangles, page, per_page)
@@ -109,16 +131,24 @@ def _tags(
     return [Rectangle(f"{name}{number}", side, side, TagMarking(known, number), moving) for number in numbers]
 
 
-def _board_marking(
-    kind: Kind, columns: int, rows: int, square: float, ids: str, dictionary: str | None
-) -> ChessboardMarking | CharucoMarking:
+def _board(name: str | None, marking: Marking, moving: bool) -> Rectangle:
+    assert marking.size is not None
+    return Rectangle(name or "board", *marking.size, marking, moving)
+
+
+def _board_marking(kind: Kind, columns: int, rows: int, step: float, ids: str, dictionary: str | None) -> Marking:
+    """step: side of a square or tag, or spacing of circles, metres."""
+    if kind is Kind.charuco:
+        marker = round(_MARKER_SHARE * step, 4)
+        return CharucoMarking(columns, rows, step, marker, dictionary or "aruco_4x4_50", first_id=parse_ids(ids)[0])
+    if kind is Kind.aprilgrid:
+        family = dictionary or "apriltag_36h11"
+        return AprilGridMarking(columns, rows, step, _SPACING, family, first_id=parse_ids(ids)[0])
+    if dictionary is not None:
+        raise QuadrigError(f"{kind.value} has no tags; leave --dictionary out or choose --kind charuco or aprilgrid")
     if kind is Kind.chessboard:
-        if dictionary is not None:
-            raise QuadrigError("a chessboard has no tags; leave --dictionary out or choose --kind charuco")
-        return ChessboardMarking(columns, rows, square)
-    known = canonical_dictionary(dictionary or "aruco_4x4_50")
-    marker = round(_MARKER_SHARE * square, 4)
-    return CharucoMarking(columns, rows, square, marker, known, first_id=parse_ids(ids)[0])
+        return ChessboardMarking(columns, rows, step)
+    return CircleGridMarking(columns, rows, step, asymmetric=kind is Kind.acircles)
 
 
 def _put_into(path: Path, rectangles: list[Rectangle]) -> None:

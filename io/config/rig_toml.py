@@ -11,8 +11,10 @@ import numpy as np
 
 from quadrig.io.config.corners_toml import PointedCorners, corners_beside, read_corners
 from quadrig.io.config.errors import decode_error, locate
+from quadrig.io.config.kalibr_target import with_targets_read
 from quadrig.io.config.known_sizes import known_size
 from quadrig.io.config.marking_tables import marking_keys, marking_of, marking_table
+from quadrig.io.config.toml_lines import toml_line
 from quadrig.io.whole_file import write_text
 from quadrig.rig.problem.camera_input import CameraInput, LensChoice
 from quadrig.single.errors import QuadrigError
@@ -159,7 +161,9 @@ def read_config(path: Path | str) -> RigConfig:
 
 
 def parse_config(text: str, name: str = "rig.toml") -> RigConfig:
-    """The rig.toml of a text; name: what errors call it. Raises QuadrigError as read_config does."""
+    """The rig.toml of a text; name: what errors call it, and where files lie that it names. Raises QuadrigError as
+    read_config does."""
+    text = with_targets_read(text, Path(name).parent, name)
     root = _file_table(tuple(marking_kinds().values()))
     try:
         tables = msgspec.toml.decode(text, type=root)
@@ -314,15 +318,15 @@ def write_config(config: RigConfig, path: Path | str) -> None:
 def config_text(config: RigConfig) -> str:
     """The rig.toml of a config, which parse_config reads back to the same values."""
     tables = [
-        "\n".join(["[[rectangle]]", *(_line(k, v) for k, v in _rectangle_values(rectangle).items())])
+        "\n".join(["[[rectangle]]", *(toml_line(k, v) for k, v in _rectangle_values(rectangle).items())])
         for rectangle in config.rectangles
     ]
     for camera in config.cameras:
         values = msgspec.structs.asdict(_camera_table(camera))
         defaults = msgspec.structs.asdict(_Camera(name=""))
         kept = {k: v for k, v in values.items() if v is not None and v != defaults[k]}
-        tables.append("\n".join(["[[camera]]", *(_line(k, v) for k, v in kept.items())]))
-    head = [] if config.reference is None else [_line("reference", config.reference)]
+        tables.append("\n".join(["[[camera]]", *(toml_line(k, v) for k, v in kept.items())]))
+    head = [] if config.reference is None else [toml_line("reference", config.reference)]
     return "\n\n".join([*head, *tables]) + "\n"
 
 
@@ -354,21 +358,3 @@ def _camera_table(camera: CameraConfig) -> _Camera:
         fixed=camera.fixed,
         lens=camera.lens,
     )
-
-
-def _line(key: str, value: object) -> str:
-    return f"{key} = {_toml(value)}"
-
-
-def _toml(value: object) -> str:
-    match value:
-        case bool():
-            return "true" if value else "false"
-        case str():
-            return msgspec.json.encode(value).decode()
-        case dict():
-            return "{ " + ", ".join(_line(k, v) for k, v in value.items()) + " }"
-        case list() | tuple():
-            return "[" + ", ".join(_toml(item) for item in value) + "]"
-        case _:
-            return repr(value)

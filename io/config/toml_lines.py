@@ -1,6 +1,8 @@
-"""Where in a TOML text a value stands, so that an error can name the line a person must mend."""
+"""Lines of TOML: how a value is written, and where one stands, so that an error can name the line to mend."""
 
 import re
+
+import msgspec
 
 _STEP = re.compile(r"(\w+)|\[(\d+)\]")
 
@@ -42,3 +44,22 @@ def _next_header(lines: list[str], start: int) -> int:
 def _entry(lines: list[str], name: str, first: int, last: int) -> int | None:
     pattern = re.compile(rf"(^|[{{,])\s*\"?{re.escape(name)}\"?\s*[=.]")
     return next((n for n in range(first, last) if pattern.search(lines[n].split("#")[0])), None)
+
+
+def toml_line(key: str, value: object) -> str:
+    """A key with its value: a bool, number, text, list or inline table."""
+    return f"{key} = {_toml(value)}"
+
+
+def _toml(value: object) -> str:
+    match value:
+        case bool():
+            return "true" if value else "false"
+        case str():
+            return msgspec.json.encode(value).decode()
+        case dict():
+            return "{ " + ", ".join(toml_line(k, v) for k, v in value.items()) + " }"
+        case list() | tuple():
+            return "[" + ", ".join(_toml(item) for item in value) + "]"
+        case _:
+            return repr(value)

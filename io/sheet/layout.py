@@ -83,10 +83,10 @@ def largest_tag(paper: Paper, cells: int, per_page: int) -> float:
     return _whole_mm(side, paper)
 
 
-def largest_square(paper: Paper, columns: int, rows: int) -> float:
-    """Side in metres, whole mm, of the squares of the largest board that fits with half a square around it."""
+def largest_step(paper: Paper, across: float, down: float) -> float:
+    """Length in metres, whole mm, of which the paper holds so many across and down, such as a board's square."""
     width, height = paper.room
-    return _whole_mm(min(width / (columns + 1), height / (rows + 1)), paper)
+    return _whole_mm(min(width / across, height / down), paper)
 
 
 def _whole_mm(side: float, paper: Paper) -> float:
@@ -155,8 +155,9 @@ def _draw_sheet(page: PdfPage, rectangle: Rectangle, x: float, y: float) -> None
     sheet, *patches = marking_patches(rectangle)
     if sheet.tone < 0.5:
         patches = [sheet, *patches]
-    for tone, run in itertools.groupby(patches, key=lambda patch: patch.tone):
-        page.fill([_box(patch, x, y) for patch in run], tone)
+    for (tone, ellipses), run in itertools.groupby(patches, key=lambda patch: (patch.tone, patch.round)):
+        fill = page.fill_ellipses if ellipses else page.fill
+        fill([_box(patch, x, y) for patch in run], tone)
     left, top, right, bottom = _box(sheet, x, y)
     for corner_x, away_x in ((left, -1), (right, 1)):
         for corner_y, away_y in ((top, -1), (bottom, 1)):

@@ -1,10 +1,13 @@
 """A small PDF writer: filled rectangles, lines and text in millimetres, exact to a thousandth of one."""
 
+import itertools
 import zlib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
 _POINTS_PER_MM = 72 / 25.4
+# Share of the radius at which the knots of a quarter circle's Bezier curve lie.
+_KAPPA = 4 / 3 * (2**0.5 - 1)
 
 
 @dataclass
@@ -20,6 +23,10 @@ class PdfPage:
         paths = [f"{a:.4f} {b:.4f} {c - a:.4f} {d - b:.4f} re" for a, b, c, d in boxes]
         self.commands.append(f"{grey:.3f} g {' '.join(paths)} f")
 
+    def fill_ellipses(self, boxes: Iterable[tuple[float, float, float, float]], grey: float = 0.0) -> None:
+        """The ellipses within boxes (left, top, right, bottom), in one tone."""
+        self.commands.append(f"{grey:.3f} g {' '.join(_ellipse(*box) for box in boxes)} f")
+
     def line(self, start: tuple[float, float], end: tuple[float, float], thickness: float = 0.1) -> None:
         """A black line, thickness in mm."""
         self.commands.append(f"0 G {thickness:.3f} w {start[0]:.4f} {start[1]:.4f} m {end[0]:.4f} {end[1]:.4f} l S")
@@ -31,6 +38,16 @@ class PdfPage:
             safe = safe.replace(sign, "\\" + sign)
         font = "F2" if mono else "F1"
         self.commands.append(f"BT 0 g /{font} {size:.3f} Tf 1 0 0 -1 {x:.4f} {y:.4f} Tm ({safe}) Tj ET")
+
+
+def _ellipse(left: float, top: float, right: float, bottom: float) -> str:
+    """Four Bezier curves, off by 3 of 10,000 of the radius at most."""
+    x, y, a, b = (left + right) / 2, (top + bottom) / 2, (right - left) / 2, (bottom - top) / 2
+    path = f"{right:.4f} {y:.4f} m"
+    for (c, s), (d, t) in itertools.pairwise([(1, 0), (0, 1), (-1, 0), (0, -1), (1, 0)]):
+        knots = (c + _KAPPA * d, s + _KAPPA * t), (d + _KAPPA * c, t + _KAPPA * s), (d, t)
+        path += " " + " ".join(f"{x + a * u:.4f} {y + b * v:.4f}" for u, v in knots) + " c"
+    return path
 
 
 def pdf_bytes(pages: Sequence[PdfPage], title: str) -> bytes:

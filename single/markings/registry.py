@@ -10,6 +10,7 @@ from quadrig.single.markings.april_grid import AprilGridMarking
 from quadrig.single.markings.blank_sheet import PlainMarking
 from quadrig.single.markings.charuco import CharucoMarking
 from quadrig.single.markings.chessboard import ChessboardMarking
+from quadrig.single.markings.circle_grid import CircleGridMarking
 from quadrig.single.markings.tag import TagMarking
 from quadrig.single.rectangle import Marking, PointsMarking
 
@@ -28,7 +29,15 @@ def register(kind: Kind) -> Kind:
     return kind
 
 
-for _kind in (TagMarking, CharucoMarking, AprilGridMarking, ChessboardMarking, PlainMarking, PointsMarking):
+for _kind in (
+    TagMarking,
+    CharucoMarking,
+    AprilGridMarking,
+    ChessboardMarking,
+    CircleGridMarking,
+    PlainMarking,
+    PointsMarking,
+):
     register(_kind)
 
 

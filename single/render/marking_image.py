@@ -32,7 +32,15 @@ def marking_image(rectangle: Rectangle, pixels_per_metre: float, margin: float |
         columns, cover_x = _cover(patch.left - sheet.left, patch.right - sheet.left, width / size_x, width)
         rows, cover_y = _cover(patch.top - sheet.top, patch.bottom - sheet.top, height / size_y, height)
         area = image[rows, columns]
-        area += np.outer(cover_y, cover_x) * (patch.tone - area)
+        cover = np.outer(cover_y, cover_x)
+        if patch.round:
+            # Pixels that the outline crosses are covered as by a straight edge.
+            radii = (patch.right - patch.left) / 2 * width / size_x, (patch.bottom - patch.top) / 2 * height / size_y
+            x = np.arange(columns.start, columns.stop) + 0.5 - (patch.left - sheet.left) * width / size_x - radii[0]
+            y = np.arange(rows.start, rows.stop) + 0.5 - (patch.top - sheet.top) * height / size_y - radii[1]
+            distance = np.hypot(x / radii[0], (y / radii[1])[:, None])
+            cover = np.clip((1 - distance) * min(radii) + 0.5, 0, 1).astype(np.float32)
+        area += cover * (patch.tone - area)
     return image
 
 

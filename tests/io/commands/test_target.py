@@ -49,7 +49,7 @@ def assert_true_size(rectangles, pages) -> None:
 
 
 @pytest.mark.parametrize("paper", ["A4", "A3", "letter"])
-@pytest.mark.parametrize("kind", ["tag", "charuco", "chessboard"])
+@pytest.mark.parametrize("kind", ["tag", "charuco", "aprilgrid", "chessboard", "circles", "acircles"])
 def test_sheet_is_found_at_its_true_size(tmp_path, capsys, kind, paper):
     rectangles, pages = drawn(tmp_path, capsys, "--kind", kind, "--paper", paper)
     assert len(pages) == 1

@@ -18,6 +18,7 @@ EXAMPLES = {
     "tag": {"dictionary": "apriltag_36h11", "id": 5},
     "charuco": {"columns": 5, "rows": 4, "square": 0.05, "marker": 0.038, "dictionary": "aruco_4x4_50"},
     "aprilgrid": {"columns": 4, "rows": 3, "tag": 0.05, "spacing": 0.3},
+    "circles": {"columns": 5, "rows": 4, "spacing": 0.04},
     "chessboard": {"columns": 7, "rows": 5, "square": 0.04},
 }
 
