@@ -1,6 +1,7 @@
 """The `rig` command: one module for each of its commands, imported only when that command is called."""
 
 import inspect
+import keyword
 import os
 import sys
 from collections.abc import Callable, Sequence
@@ -19,13 +20,18 @@ COMMANDS = {
     "inspect": "Look at a calibrated rig in rerun.",
     "report": "Write a calibrated rig and its evidence as one HTML page.",
     "export": "Write a calibrated rig in the format of another program.",
+    "import": "Make a rig.mcap of the files of another program.",
+    "undistort": "Take the lens's distortion out of pictures and videos.",
     "check": "Find out from a new recording whether a camera has moved.",
     "compare": "Compare two calibrated rigs.",
     "info": "Show what a recording or a rig.mcap holds.",
     "single": "Focal and pose of one camera from one picture.",
     "target": "Draw a sheet with markings to print.",
 }
-"""Each command with its line in `rig --help`; command "x" is the function x of the module x."""
+"""Each command with its line in `rig --help`; command "x" is the function x of the module x, here or in exchange/,
+with an underscore behind its name where Python keeps the word for itself."""
+
+_EXCHANGE = ("export", "import", "undistort")
 
 _EXAMPLE = """Calibrate a rig of cameras from rectangles of known size.
 
@@ -83,7 +89,8 @@ def _application(wanted: str) -> typer.Typer:
 
 def command_function(name: str) -> Callable[..., None]:
     """The function behind a command of COMMANDS, imported only now."""
-    return getattr(import_module(f"quadrig.io.commands.{name}"), name)
+    module, folder = f"{name}_" if keyword.iskeyword(name) else name, ".exchange" if name in _EXCHANGE else ""
+    return getattr(import_module(f"quadrig.io.commands{folder}.{module}"), module)
 
 
 def _named() -> None:

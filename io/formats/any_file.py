@@ -1,6 +1,6 @@
 """Rigs and lenses out of files of any format: told apart by what is in them."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cv2
@@ -16,11 +16,16 @@ from quadrig.rig.result import Rig
 from quadrig.single.arrays import Floats
 from quadrig.single.errors import QuadrigError
 from quadrig.single.lens import Intrinsics
+from quadrig.single.pose import Pose
 
 # Enough of a file to know it by: what tells formats apart stands in the first camera.
 _HEAD = 1 << 16
 # A rig of a thousand cameras with its covariance is smaller; what is larger was not meant for this.
-_LARGEST_FILE = 1 << 30
+_LARGEST_FILE = 1 << 28
+_DAMAGE = (
+    *(ValueError, LookupError, TypeError, AttributeError, ArithmeticError, SyntaxError, RecursionError, MemoryError),
+    *(msgspec.MsgspecError, yaml.YAMLError, cv2.error),
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,13 +37,14 @@ class KnownLens:
     covariance: Floats
 
 
-def read_any_rig(*paths: Path | str) -> Rig:
+def read_any_rig(*paths: Path | str, unit: float | None = None) -> Rig:
     """The Rig of a rig.mcap, or of files of any format that quadrig reads; several files say each their part.
 
-    Covariances are nan where the files do not state them. Raises QuadrigError, one sentence, where a file is absent,
-    damaged or of no known format, or where a camera has a lens and no pose.
+    unit: metres of one unit of lengths, for files that do not say it. Covariances are nan where the files do not
+    state them. Raises QuadrigError, one sentence, where a file is absent, damaged or of no known format, where
+    nothing says the unit, or where a camera has a lens and no pose.
     """
-    held = _read_all(paths)
+    held = _read_all(paths, unit)
     if held.rig is not None:
         return held.rig
     _refuse_unplaced(held, paths[0])
@@ -47,22 +53,25 @@ def read_any_rig(*paths: Path | str) -> Rig:
 
 def read_any_lenses(*paths: Path | str) -> dict[str, KnownLens]:
     """The lenses of cameras by name, from the same files, which may lack poses. Errors are those of read_any_rig."""
-    held = _read_all(paths)
+    held = _read_all(paths, 1.0)
     if held.rig is not None:
         known = [*((held.rig, camera) for camera in held.rig.cameras), *held.rig.lens_only]
         return {one.name: KnownLens(one.intrinsics, rig.lens_covariance(one.name)) for rig, one in known}
+    if not held.lenses:
+        raise QuadrigError(f"{paths[0]}: it holds no lens; give a file of lenses")
     return {name: KnownLens(lens, np.full((9, 9), np.nan)) for name, lens in held.lenses.items()}
 
 
-def _read_all(paths: tuple[Path | str, ...]) -> Held:
+def _read_all(paths: tuple[Path | str, ...], unit: float | None) -> Held:
     each = [_read(Path(path)) for path in paths]
-    if len(each) == 1:
+    if len(each) == 1 and each[0].rig is not None:
         return each[0]
     if any(held.rig is not None for held in each):
         raise QuadrigError(f"{paths[0]}: a file that holds a whole rig is read alone; give one file")
     lenses, poses = {}, {}
     for path, held in zip(paths, each, strict=True):
-        for mine, theirs in ((lenses, held.lenses), (poses, held.poses)):
+        scaled = _in_metres(held, unit, path)
+        for mine, theirs in ((lenses, held.lenses), (poses, scaled)):
             twice = sorted(mine.keys() & theirs.keys())
             if twice:
                 raise QuadrigError(f"{path}: camera {twice[0]!r} is in an earlier file too; give each camera once")
@@ -70,31 +79,40 @@ def _read_all(paths: tuple[Path | str, ...]) -> Held:
     return Held(lenses, poses, next((held.frame for held in each if held.frame), ""))
 
 
+def _in_metres(held: Held, unit: float | None, path: Path | str) -> dict[str, Pose]:
+    metres = unit if held.unit is None else held.unit
+    if held.poses and metres is None:
+        raise QuadrigError(f"{path}: nothing in it says the unit of lengths; `rig import` it with --unit m, cm or mm")
+    return {name: replace(pose, translation=pose.translation * metres) for name, pose in held.poses.items()}
+
+
 def _read(path: Path) -> Held:
-    if not path.is_file():
-        raise QuadrigError(
-            f"there is no file {path}; give a rig.mcap, or a file of another program (docs/formats.md)"
-        )
-    if is_mcap(path):
+    if not path.exists():
+        raise QuadrigError(f"there is no {path}; give a rig.mcap, or a file of another program (docs/formats.md)")
+    if path.is_file() and is_mcap(path):
         return Held(rig=read_rig(path))
-    if not 0 < path.stat().st_size < _LARGEST_FILE:
-        size = path.stat().st_size
-        raise QuadrigError(f"{path}: has {size} bytes, which no file of cameras has; give the file of a rig")
-    with path.open("rb") as stream:
-        head = stream.read(_HEAD)
+    head = b"" if path.is_dir() else _head(path)
     for name, form in FORMATS.items():
         if form.read is not None and form.recognises(path, head):
             try:
                 return form.read(path)
-            # Damage shows as whatever the parsers of YAML, JSON, XML and OpenCV stumble over.
-            except (ValueError, LookupError, TypeError, ArithmeticError, msgspec.MsgspecError, yaml.YAMLError,
-                    cv2.error) as error:  # fmt: skip
+            except OSError as error:
+                raise QuadrigError(f"{path}: cannot be read ({error.strerror}); give another file") from error
+            # Damage shows as whatever the parsers of YAML, JSON, TOML, XML and OpenCV stumble over.
+            except _DAMAGE as error:
                 reason = " ".join(str(error).split()) or type(error).__name__
                 raise QuadrigError(f"{path}: cannot be read as {name} ({reason}); write it again") from error
-    raise QuadrigError(
-        f"{path}: is none of the formats that quadrig reads ({', '.join(n for n, f in FORMATS.items() if f.read)}, "
-        "rig.mcap); see docs/formats.md"
-    )
+    known = ", ".join(name for name, form in FORMATS.items() if form.read is not None)
+    what = "folder" if path.is_dir() else "file"
+    raise QuadrigError(f"{path}: the {what} is in none of the formats that quadrig reads: rig.mcap, {known}")
+
+
+def _head(path: Path) -> bytes:
+    size = path.stat().st_size
+    if not 0 < size < _LARGEST_FILE and path.suffix != ".bin":
+        raise QuadrigError(f"{path}: has {size} bytes, which no file of cameras has; give the file of a rig")
+    with path.open("rb") as stream:
+        return stream.read(_HEAD)
 
 
 def _refuse_unplaced(held: Held, path: Path | str) -> None:

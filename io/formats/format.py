@@ -1,5 +1,6 @@
 """What a format of other programs is, and what a file in it says of cameras."""
 
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -13,7 +14,13 @@ from quadrig.single.lens import Intrinsics, LensModel
 from quadrig.single.pose import Pose
 from quadrig.single.rotation import nearest_rotation
 
-Files = dict[str, str]
+Files = dict[str, str | bytes]
+
+HALF_PIXEL = 0.5
+"""What a principal point gains where pixels count from the corner of the top-left pixel, not from its centre."""
+
+GRAPHICS = Pose(np.diag([1.0, -1.0, -1.0]), np.zeros(3))
+"""camera_from_graphics, and its inverse: graphics look along -z with y up, cameras along z with y down."""
 
 # A rotation written with four decimals is off by less; what is off by more is no rotation, or another convention.
 _ROTATION_TOLERANCE = 1e-3
@@ -27,34 +34,62 @@ _LARGEST = 1e6
 class Held:
     """What one file says: lenses by camera, poses rig_from_camera by camera, and the rig frame's name ("": none).
 
-    rig: the whole of it with its doubt, where the format holds that; the rest is then empty.
+    unit: metres of one unit of its lengths, None where the file does not say. rig: the whole of it with its doubt,
+    where the format holds that; the rest is then empty.
     """
 
     lenses: Mapping[str, Intrinsics] = field(default_factory=dict)
     poses: Mapping[str, Pose] = field(default_factory=dict)
     frame: str = ""
+    unit: float | None = 1.0
     rig: Rig | None = None
 
 
 @dataclass(frozen=True, eq=False)
 class Options:
-    """What a user may ask of an export. covariance: the joint covariance too, where the format has a place for it."""
+    """What a user may ask of an export.
+
+    covariance: the joint covariance too, where the format has a place for it. base: the name of the frame that
+    carries the rig, where the format has frames, and base_from_rig.
+    """
 
     covariance: bool = False
+    base: str = "rig"
+    base_from_rig: Pose = field(default_factory=Pose.identity)
 
 
 @dataclass(frozen=True)
 class Format:
-    """A format: what it is, the function that makes its files by name, and the one that reads a file.
+    """A format of rigs.
 
-    single: it is one file, of any name. recognises: from a path and the first bytes of its content.
+    what: it is, and loses: of a rig, in words. suffixes: of its one file, the first of which chooses it; empty where
+    it is several files in a folder. write: a rig's files by name. read: what a file (or a folder) says.
+    recognises: from a path and the first bytes of its content. names: cameras' names as the format can hold them.
+    ideal: it holds no distortion, and square pixels alone.
     """
 
     what: str
+    loses: str
     write: Callable[[Rig, Options], Files] | None = None
-    single: bool = True
+    suffixes: tuple[str, ...] = ()
     read: Callable[[Path], Held] | None = None
     recognises: Callable[[Path, bytes], bool] = lambda _path, _head: False
+    names: Callable[[Sequence[str]], list[str]] = list
+    ideal: bool = False
+
+
+def plain_names(names: Sequence[str]) -> list[str]:
+    """The names in letters, digits and _, a letter first, of 60 at most (Blender keeps 63); distinct, also where
+    capitals do not count."""
+    taken: list[str] = []
+    for name in names:
+        plain = re.sub("[^A-Za-z0-9_]", "_", name.strip("/"))[:60]
+        plain = plain if plain[:1].isalpha() else f"cam_{plain}"
+        unique, number = plain, 2
+        while unique.casefold() in (each.casefold() for each in taken):
+            unique, number = f"{plain}_{number}", number + 1
+        taken.append(unique)
+    return taken
 
 
 def lens_of(
@@ -86,6 +121,18 @@ def lens_of(
     coefficients[: min(len(given), most)] = given[:most]
     focal = float(matrix[0, 0])
     return Intrinsics(width, height, focal, matrix[:2, 2].copy(), coefficients, float(matrix[1, 1]) / focal, model)
+
+
+def pinhole_only(camera: Camera, program: str) -> Intrinsics:
+    """The camera's lens. Raises QuadrigError where it is a fisheye, which the program does not know."""
+    if camera.intrinsics.model != "pinhole":
+        raise QuadrigError(f"camera {camera.name!r} is a fisheye, which {program} does not know; take another format")
+    return camera.intrinsics
+
+
+def coefficients(lens: Intrinsics) -> Floats:
+    """OpenCV's: k1 k2 p1 p2 k3 of a pinhole, k1 k2 k3 k4 of a fisheye."""
+    return lens.distortion if lens.model == "pinhole" else lens.distortion[:4]
 
 
 def camera_matrix(fx: float, fy: float, cx: float, cy: float) -> Floats:

@@ -9,6 +9,7 @@ import yaml
 from quadrig.io.formats.format import Files, Held, Options, camera_matrix, lens_of, pose_of
 from quadrig.io.recording.recorded_cameras import camera_name
 from quadrig.rig.result import Camera, Rig
+from quadrig.single.arrays import Mask
 from quadrig.single.errors import QuadrigError
 from quadrig.single.lens import Intrinsics, LensModel
 from quadrig.single.pose import Pose
@@ -31,9 +32,10 @@ class _Camera(msgspec.Struct):
 
 def kalibr_files(rig: Rig, _options: Options) -> Files:
     """camchain.yaml. Raises QuadrigError where a lens has a k3, which Kalibr's radtan does not know."""
-    chain, rig_from_before = {}, None
+    chain, rig_from_before, overlaps = {}, None, _overlaps(rig)
     for index, camera in enumerate(rig.cameras):
         chain[f"cam{index}"] = values = _values(camera)
+        values["cam_overlaps"] = [other for other in range(len(rig.cameras)) if overlaps[index, other]]
         if rig_from_before is not None:
             values["T_cn_cnm1"] = (camera.rig_from_camera.inverse() @ rig_from_before).matrix().tolist()
         rig_from_before = camera.rig_from_camera
@@ -56,6 +58,19 @@ def _values(camera: Camera) -> dict:
         "resolution": [lens.width, lens.height],
         "rostopic": f"/{camera.name.strip('/')}/image_raw",
     }
+
+
+def _overlaps(rig: Rig) -> Mask:
+    """Which cameras (C, C) saw a rectangle together; all others of a rig whose Views are not known."""
+    index = {camera.name: number for number, camera in enumerate(rig.cameras)}
+    seen = {(fit.view.rectangle, fit.view.frameset, index[fit.view.camera]) for fit in rig.fits if not fit.rejected}
+    if not seen:
+        return ~np.eye(len(index), dtype=bool)
+    moments = {key[:2]: row for row, key in enumerate(seen)}
+    sight = np.zeros((len(seen), len(index)), bool)
+    for rectangle, frameset, camera in seen:
+        sight[moments[rectangle, frameset], camera] = True
+    return (sight.T.astype(int) @ sight > 0) & ~np.eye(len(index), dtype=bool)
 
 
 def is_kalibr(_path: Path, head: bytes) -> bool:

@@ -6,7 +6,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from quadrig.io.formats.format import Files, Held, Options, lens_of, pose_of
+from quadrig.io.formats.format import Files, Held, Options, coefficients, lens_of, plain_names, pose_of
 from quadrig.rig.result import Rig
 from quadrig.single.arrays import Floats
 from quadrig.single.errors import QuadrigError
@@ -22,18 +22,17 @@ def opencv_files(rig: Rig, options: Options, suffix: str = ".yml") -> Files:  # 
     _rig_from_camera (4x4) and the rvec and tvec of camera_from_rig, as cv::projectPoints takes them."""
     storage = cv2.FileStorage(suffix, cv2.FILE_STORAGE_WRITE | cv2.FILE_STORAGE_MEMORY)
     storage.write("rig_frame", rig.reference)
-    keys = node_names([camera.name for camera in rig.cameras])
+    keys = plain_names([camera.name for camera in rig.cameras])
     storage.startWriteStruct("camera_names", cv2.FILE_NODE_SEQ)
     for camera in rig.cameras:
         storage.write("", camera.name)
     storage.endWriteStruct()
     for camera, key in zip(rig.cameras, keys, strict=True):
         lens, camera_from_rig = camera.intrinsics, camera.rig_from_camera.inverse()
-        distortion = lens.distortion if lens.model == "pinhole" else lens.distortion[:4]
         storage.write(f"{key}_image_size", np.array([[lens.width, lens.height]], np.int32))
         storage.write(f"{key}_model", lens.model)
         storage.write(f"{key}_camera_matrix", lens.camera_matrix)
-        storage.write(f"{key}_distortion", distortion.reshape(1, -1))
+        storage.write(f"{key}_distortion", coefficients(lens).reshape(1, -1))
         storage.write(f"{key}_rig_from_camera", camera.rig_from_camera.matrix())
         storage.write(f"{key}_rvec", camera_from_rig.rotation_vector().reshape(3, 1))
         storage.write(f"{key}_tvec", camera_from_rig.translation.reshape(3, 1))
@@ -56,7 +55,7 @@ def read_opencv(path: Path) -> Held:
             return Held({path.stem: _lens(storage, "", f"{path}")})
         each = [names.at(index).string() for index in range(names.size())]
         lenses, poses = {}, {}
-        for name, key in zip(each, node_names(each), strict=True):
+        for name, key in zip(each, plain_names(each), strict=True):
             where = f"{path}: camera {name!r}"
             lenses[name] = _lens(storage, f"{key}_", where)
             poses[name] = pose_of(_matrix(storage, [f"{key}_rig_from_camera"], where), where)
@@ -86,17 +85,3 @@ def _matrix(storage: cv2.FileStorage, keys: Sequence[str], where: str) -> Floats
         if not node.empty():
             return np.asarray(node.mat(), float)
     raise QuadrigError(f"{where}: there is no {keys[0]} in it; give an OpenCV file that has image size and lens")
-
-
-def node_names(names: Sequence[str]) -> list[str]:
-    """Names that FileStorage takes: letters, digits, _ and -, a letter first; made distinct by numbers."""
-    taken: list[str] = []
-    for name in names:
-        plain = "".join(letter if letter.isascii() and letter.isalnum() else "_" for letter in name)
-        plain = plain if plain[:1].isalpha() else f"cam_{plain}"
-        number = 2
-        unique = plain
-        while unique in taken:
-            unique, number = f"{plain}_{number}", number + 1
-        taken.append(unique)
-    return taken

@@ -98,7 +98,7 @@ def json_schema() -> dict[str, Any]:
 
 def is_rig_json(_path: Path, head: bytes) -> bool:
     """Whether a file begins like ours."""
-    return head.lstrip()[:1] == b"{" and b'"rig_frame"' in head
+    return head.lstrip()[:1] == b"{" and b'"rig_frame"' in head and b'"cameras"' in head
 
 
 def read_json(path: Path) -> Held:

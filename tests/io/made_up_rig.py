@@ -128,7 +128,7 @@ def make_rig(seed: int = 1) -> tuple[Rig, list[Camera], list[PlacedRectangle]]:
     free[5:11] = False  # the first camera is the rig frame
     covariance = np.zeros_like(information)
     covariance[np.ix_(free, free)] = np.linalg.inv(information[np.ix_(free, free)])
-    step = rng.multivariate_normal(np.zeros(len(covariance)), covariance)
+    step = np.where(free, rng.multivariate_normal(np.zeros(len(covariance)), covariance), 0.0)
     found_cameras, found_rectangles = stepped(cameras, rectangles, step)
     return _rig(found_cameras, found_rectangles, covariance, views), cameras, rectangles
 

@@ -8,7 +8,8 @@ import pytest
 
 from quadrig.io.formats.any_file import read_any_lenses, read_any_rig
 from quadrig.io.formats.format import Options
-from quadrig.io.formats.registry import FORMATS, export_files
+from quadrig.io.formats.maps import ideal_rig
+from quadrig.io.formats.registry import export_files
 from quadrig.io.rig_file.rig_mcap import write_rig
 from quadrig.rig.result import Rig
 from quadrig.single.errors import QuadrigError
@@ -22,11 +23,12 @@ def pixels(rig: Rig) -> dict[str, np.ndarray]:
     return {one.name: one.intrinsics.project(one.rig_from_camera.inverse().transform(points)) for one in rig.cameras}
 
 
-def written(tmp_path, rig, name, **options):
-    paths = [tmp_path / file for file in export_files(rig, name, Options(**options))]
-    for path, text in zip(paths, export_files(rig, name, Options(**options)).values(), strict=True):
-        path.write_text(text)
-    return paths
+def written(folder, rig, *names, **options):
+    """The paths of a rig's files in these formats."""
+    files = [file for name in names for file in export_files(rig, name, Options(**options)).items()]
+    for name, content in files:
+        (folder / name).write_bytes(content.encode() if isinstance(content, str) else content)
+    return [folder / name for name, _ in files]
 
 
 @pytest.fixture
@@ -38,15 +40,60 @@ def fisheyes(example_rig):
     return replace(example_rig, cameras=tuple(cameras))
 
 
-@pytest.mark.parametrize("lens", ["pinhole", "fisheye"])
-@pytest.mark.parametrize("name", [name for name, form in FORMATS.items() if form.read and form.write])
-def test_a_rig_comes_back(name, lens, example_rig, fisheyes, tmp_path):
-    rig = example_rig if lens == "pinhole" else fisheyes
-    again = read_any_rig(*written(tmp_path, rig, name))
+def assert_same(again, rig, tolerance=1e-6):
     assert again.reference == rig.reference
-    expected = pixels(rig)
-    for camera, found in pixels(again).items():
-        np.testing.assert_allclose(found, expected[camera], rtol=0, atol=1e-6)
+    found, expected = pixels(again), pixels(rig)
+    assert found.keys() == expected.keys()
+    for camera in expected:
+        np.testing.assert_allclose(found[camera], expected[camera], rtol=0, atol=tolerance)
+
+
+LENSES_AND_POSES = ["json", "opencv", "opencv-xml", "opencv-json", "ros urdf", "ros tf", "kalibr", "anipose",
+                    "freemocap", "pose2sim", "nerfstudio"]  # fmt: skip
+
+
+@pytest.mark.parametrize("lens", ["pinhole", "fisheye"])
+@pytest.mark.parametrize("names", LENSES_AND_POSES)
+def test_a_rig_comes_back(names, lens, example_rig, fisheyes, tmp_path):
+    rig = example_rig if lens == "pinhole" else fisheyes
+    assert_same(read_any_rig(*written(tmp_path, rig, *names.split())), rig)
+
+
+@pytest.mark.parametrize("lens", ["pinhole", "fisheye"])
+@pytest.mark.parametrize(("name", "unit"), [("colmap", None), ("colmap-binary", 1.0)])
+def test_a_folder_of_colmap_comes_back(name, unit, lens, example_rig, fisheyes, tmp_path):
+    rig = example_rig if lens == "pinhole" else fisheyes
+    first, *_ = written(tmp_path, rig, name)
+    for path in (tmp_path, first):
+        assert_same(read_any_rig(path, unit=unit), rig)
+
+
+def test_mrcal_comes_back(example_rig, tmp_path):
+    assert_same(read_any_rig(*written(tmp_path, example_rig, "mrcal")), example_rig)
+
+
+def test_caliscope_comes_back_with_numbers_for_names(example_rig, tmp_path):
+    again = read_any_rig(*written(tmp_path, example_rig, "caliscope"))
+    named = [replace(camera, name=f"cam{camera.name}") for camera in again.cameras]
+    assert_same(replace(again, reference="cam0", cameras=tuple(named)), example_rig)
+
+
+def test_usd_comes_back_to_its_floats(example_rig, tmp_path):
+    pytest.importorskip("pxr", reason="USD is read by usd-core")
+    # Its focal lengths and apertures are float32: 700 px to seven digits.
+    assert_same(read_any_rig(*written(tmp_path, ideal_rig(example_rig), "usd")), ideal_rig(example_rig), 3e-4)
+
+
+@pytest.mark.parametrize("name", ["anipose", "colmap-binary", "nerfstudio"])
+def test_a_file_that_does_not_say_its_unit_is_asked_for_it(name, example_rig, tmp_path):
+    first, *_ = written(tmp_path, example_rig, name)
+    if name != "colmap-binary":
+        first.write_text(first.read_text().replace("unit", "remark"))
+    with pytest.raises(QuadrigError, match=r"unit of lengths; .* --unit"):
+        read_any_rig(first)
+    again = read_any_rig(first, unit=1e-3)
+    shift = again.camera("cam1").rig_from_camera.translation
+    np.testing.assert_allclose(shift, 1e-3 * example_rig.camera("cam1").rig_from_camera.translation, atol=1e-12)
 
 
 def test_rig_mcap_is_read_too(example_rig, tmp_path):
