@@ -22,7 +22,7 @@ class CameraDifference:
 
     focal px; shift m; rotation rad. step (6,) of rig_from_camera. sigmas: root of the Mahalanobis distance of the
     step over its freedoms: near 1 where the rigs agree as well as they claim. chance: of so large a difference by
-    chance.
+    chance. Sigmas and chances are nan where one of the rigs does not know its doubt.
     """
 
     name: str
@@ -120,7 +120,9 @@ def _difference(first: Rig, second: Rig, name: str, step: Floats, doubt: Floats)
 
 
 def _mahalanobis(step: Floats, doubt: Floats) -> tuple[float, int]:
-    """Squared distance, and in how many directions there is any doubt."""
+    """Squared distance, and in how many directions there is any doubt; nan and none where the doubt is not known."""
+    if not np.isfinite(doubt).all():
+        return float("nan"), 0
     values, axes = np.linalg.eigh(doubt)
     # What alignment took away is zero up to rounding, twelve digits below the rest.
     known = values > 1e-10 * max(float(values.max()), 1e-300)

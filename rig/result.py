@@ -6,7 +6,7 @@ from html import escape
 
 import numpy as np
 
-from quadrig.rig.words import counted, length, with_sigma
+from quadrig.rig.words import counted, figure, length, with_sigma
 from quadrig.single.arrays import Floats, Ints, Mask
 from quadrig.single.lens import LENS_PARAMETERS, Intrinsics
 from quadrig.single.pose import Pose, compose_jacobians, inverse_jacobian
@@ -110,6 +110,11 @@ class Rig:
     apart: tuple["Rig", ...] = ()
 
     @property
+    def is_doubt_known(self) -> bool:
+        """Whether the whole covariance is known: of a rig from another program's file it is nan."""
+        return bool(np.isfinite(self.covariance).all())
+
+    @property
     def lens_only(self) -> tuple[tuple["Rig", Camera], ...]:
         """The cameras that have a lens here but no pose in this rig, each with the rig apart that has it."""
         return tuple((rig, camera) for rig in self.apart for camera in rig.cameras)
@@ -193,8 +198,8 @@ def _camera_row(rig: Rig, camera: Camera) -> tuple[str, ...]:
         camera.name,
         with_sigma(camera.intrinsics.focal, rig.focal_sigma(camera.name)),
         " ".join(f"{value:.4f}" for value in camera.rig_from_camera.translation + 0.0),
-        f"{1e3 * rig.position_sigma(camera.name):.2f}",
-        f"{np.degrees(rig.rotation_sigma(camera.name)):.4f}",
+        figure(1e3 * rig.position_sigma(camera.name), 2),
+        figure(np.degrees(rig.rotation_sigma(camera.name)), 4),
     )
 
 

@@ -29,9 +29,17 @@ def read_length(text: str, unit: str = "m") -> float:
     return float(match[1]) * _METRES[match[2] or unit]
 
 
+def figure(value: float, decimals: int) -> str:
+    """ "0.41"; "unknown" where it is."""
+    return f"{value:.{decimals}f}" if np.isfinite(value) else "unknown"
+
+
 def with_sigma(value: float, sigma: float) -> str:
-    """ "535.92 \u00b1 0.41": as many decimals as the sigma's second digit needs; "\u00b1 0" where it is given."""
-    if not (np.isfinite(sigma) and sigma > 0):
+    """ "535.92 \u00b1 0.41": as many decimals as the sigma's second digit needs; "\u00b1 0" where it is given, and
+    "\u00b1 unknown" where it is."""
+    if not np.isfinite(sigma):
+        return f"{value:.2f} \u00b1 unknown"
+    if not sigma > 0:
         return f"{value:.2f} \u00b1 0"
     decimals = int(np.clip(1 - np.floor(np.log10(sigma)), 0, 6))
     return f"{value:.{decimals}f} \u00b1 {sigma:.{decimals}f}"

@@ -6,21 +6,21 @@ from typing import Annotated
 import numpy as np
 import typer
 
+from quadrig.io.formats.any_file import read_any_rig
 from quadrig.io.formats.rig_json import json_text
-from quadrig.io.rig_file.rig_mcap import read_rig
 from quadrig.io.viewer import show as rerun_show
 from quadrig.rig.comparison import CameraDifference, Comparison
 from quadrig.rig.comparison import compare as compare_rigs
 from quadrig.rig.result import Rig
-from quadrig.rig.words import length
+from quadrig.rig.words import figure, length
 
 # A difference this unlikely by chance is called one.
 _UNLIKELY = 0.01
 
 
 def compare(
-    first: Annotated[Path, typer.Argument(help="A rig.mcap.", metavar="A.mcap")],
-    second: Annotated[Path, typer.Argument(help="Another of the same cameras.", metavar="B.mcap")],
+    first: Annotated[Path, typer.Argument(help="A rig.mcap, or any format that is read.", metavar="A")],
+    second: Annotated[Path, typer.Argument(help="Another of the same cameras.", metavar="B")],
     save: Annotated[Path | None, typer.Option(help="Write both, aligned, to an .rrd file for rerun.")] = None,
     web: Annotated[bool, typer.Option("--web", help="Serve that to a browser on this machine.")] = False,
     screenshot: Annotated[Path | None, typer.Option(help="Write a .png picture of that; needs no screen.")] = None,
@@ -30,7 +30,7 @@ def compare(
 
     Example: rig compare monday.mcap friday.mcap --save difference.rrd
     """
-    a, b = read_rig(first), read_rig(second)
+    a, b = read_any_rig(first), read_any_rig(second)
     found = compare_rigs(a, b)
     if as_json:
         print(json_text(comparison_values(found)))
@@ -54,7 +54,9 @@ def comparison_values(found: Comparison) -> dict:
 def summary(found: Comparison) -> list[str]:
     """The comparison in sentences."""
     sentences = []
-    if found.chance < _UNLIKELY:
+    if np.isnan(found.chance):
+        sentences.append("Whether the rigs agree cannot be said: one of them does not state how sure it is.")
+    elif found.chance < _UNLIKELY:
         worst = max(found.cameras, key=lambda one: one.sigmas)
         sentences.append(
             f"The rigs differ by more than their sigmas allow, most at {worst.name} ({worst.sigmas:.1f} sigmas)."
@@ -77,10 +79,10 @@ def _print(found: Comparison) -> None:
     for one in found.cameras:
         table.add_row(
             one.name,
-            f"{one.focal:+.2f} ± {one.focal_sigma:.2f}",
+            f"{one.focal:+.2f} ± {figure(one.focal_sigma, 2)}",
             f"{length(one.shift)} ± {length(one.shift_sigma)}",
-            f"{np.degrees(one.rotation):.4f} ± {np.degrees(one.rotation_sigma):.4f}",
-            f"{one.sigmas:.1f}",
+            f"{np.degrees(one.rotation):.4f} ± {figure(np.degrees(one.rotation_sigma), 4)}",
+            figure(one.sigmas, 1),
             style="bold red" if one.chance < _UNLIKELY else None,
         )
     console = Console()

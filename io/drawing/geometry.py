@@ -60,7 +60,12 @@ def extent(rig: Rig) -> float:
 
 
 def ellipsoid(covariance: Floats) -> tuple[Floats, Floats]:
-    """Half sizes (3,) of one sigma and axes (3, 3), right-handed columns, of a covariance of a position (3, 3)."""
+    """Half sizes (3,) of one sigma and axes (3, 3), right-handed columns, of a covariance of a position (3, 3).
+
+    A point, which shows nothing, where the covariance is not known.
+    """
+    if not np.isfinite(covariance).all():
+        return np.zeros(3), np.eye(3)
     variances, axes = np.linalg.eigh(covariance)
     axes = axes * np.sign(np.linalg.det(axes))
     return np.sqrt(np.maximum(variances, 0)), axes

@@ -5,7 +5,7 @@ import numpy as np
 from quadrig.io.drawing.geometry import magnification
 from quadrig.rig.doubt.verdict import verdict
 from quadrig.rig.result import Rig
-from quadrig.rig.words import length
+from quadrig.rig.words import figure, length
 
 _MARK = {"good": "✔", "with care": "▲", "not yet": "✘"}
 
@@ -27,9 +27,9 @@ def camera_table(rig: Rig) -> list[str]:
     for camera in rig.cameras:
         name = camera.name
         lines.append(
-            f"| {name} | {camera.intrinsics.focal:.2f} ± {rig.focal_sigma(name):.2f} "
-            f"| ± {length(rig.position_sigma(name))} | ± {np.degrees(rig.rotation_sigma(name)):.3f}° "
-            f"| {camera.rms:.2f} | {camera.views} |"
+            f"| {name} | {camera.intrinsics.focal:.2f} ± {figure(rig.focal_sigma(name), 2)} "
+            f"| ± {length(rig.position_sigma(name))} | ± {figure(np.degrees(rig.rotation_sigma(name)), 3)}° "
+            f"| {figure(camera.rms, 2)} | {camera.views} |"
         )
     return lines
 

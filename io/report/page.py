@@ -11,7 +11,7 @@ from quadrig.rig.doubt.residual_field import residual_field
 from quadrig.rig.doubt.verdict import PATTERN, verdict
 from quadrig.rig.doubt.weaknesses import coverage
 from quadrig.rig.result import Camera, Rig
-from quadrig.rig.words import length
+from quadrig.rig.words import figure, length
 
 _STYLE = """
 :root { color-scheme: light dark; --ink: #222; --ground: #fafafa; }
@@ -99,10 +99,10 @@ def _table_row(rig: Rig, camera: Camera, cover: float) -> str:
     name, position = camera.name, camera.rig_from_camera.translation
     cells = [
         f'<span style="color:{hexadecimal(rig_colours(rig)[name])}">●</span> {escape(name)}',
-        f"{camera.intrinsics.focal:.2f} ± {rig.focal_sigma(name):.2f}",
+        f"{camera.intrinsics.focal:.2f} ± {figure(rig.focal_sigma(name), 2)}",
         " ".join(f"{value:.4f}" for value in position.round(4) + 0.0),
         length(rig.position_sigma(name)),
-        f"{np.degrees(rig.rotation_sigma(name)):.4f}°",
+        f"{figure(np.degrees(rig.rotation_sigma(name)), 4)}°",
         _figure(camera.rms),
         _figure(camera.held_out_rms),
         str(camera.views),
@@ -137,7 +137,8 @@ def _camera(rig: Rig, camera: Camera) -> str:
     lens, held = camera.intrinsics, residual_field(rig, camera.name)
     distortion = " ".join(f"{value:.4f}" for value in lens.distortion)
     sentences = [
-        f"{lens.width}x{lens.height}, {lens.model}: focal {lens.focal:.2f} ± {rig.focal_sigma(camera.name):.2f} px, "
+        f"{lens.width}x{lens.height}, {lens.model}: focal {lens.focal:.2f} ± "
+        f"{figure(rig.focal_sigma(camera.name), 2)} px, "
         f"principal point {lens.principal_point[0]:.1f} {lens.principal_point[1]:.1f}, distortion {distortion}."
     ]
     if camera.lens_reason:

@@ -57,10 +57,11 @@ def _draw_camera(plot: Plot, camera: Camera, colour: Colour, axes: Floats, size:
 def _draw_ellipse(plot: Plot, camera: Camera, colour: Colour, axes: Floats, covariance: Floats) -> None:
     """A camera's name and position, and the ellipse of a covariance (3, 3) of the position."""
     eye = camera.rig_from_camera.translation @ axes.T
-    sizes, directions = np.linalg.eigh(axes @ covariance @ axes.T)
-    angle = np.linspace(0, 2 * np.pi, 40)
-    ring = np.stack([np.cos(angle), np.sin(angle)], axis=1) * np.sqrt(np.maximum(sizes, 0))
-    plot.line(eye + ring @ directions.T, hexadecimal(colour), 1.0, closed=True, fill=hexadecimal(colour) + "40")
+    if np.isfinite(covariance).all():
+        sizes, directions = np.linalg.eigh(axes @ covariance @ axes.T)
+        angle = np.linspace(0, 2 * np.pi, 40)
+        ring = np.stack([np.cos(angle), np.sin(angle)], axis=1) * np.sqrt(np.maximum(sizes, 0))
+        plot.line(eye + ring @ directions.T, hexadecimal(colour), 1.0, closed=True, fill=hexadecimal(colour) + "40")
     plot.dots(eye[None], hexadecimal(colour), 2.5)
     plot.text(eye, camera.name, hexadecimal(colour))
 

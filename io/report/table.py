@@ -11,7 +11,7 @@ from rich.table import Table
 from quadrig.rig.doubt.lens_accuracy import accuracy_in_words, lens_accuracy
 from quadrig.rig.doubt.weaknesses import coverage
 from quadrig.rig.result import Camera, Rig
-from quadrig.rig.words import counted, length, with_sigma
+from quadrig.rig.words import counted, figure, length, with_sigma
 
 # In a file or a pipe no line is broken.
 _UNBROKEN = 200
@@ -70,7 +70,7 @@ def summary(rig: Rig) -> str:
     return (
         f"{counted(len(rig.cameras), 'camera')}, {counted(len(rig.rectangles), 'rectangle')}, "
         f"{counted(framesets, 'frameset')}, {len(used)} of {counted(len(rig.fits), 'View')}; "
-        f"RMS {rig.rms:.3f} px{held_out}; rig frame {rig.reference}"
+        f"RMS {figure(rig.rms, 3)} px{held_out}; rig frame {rig.reference}"
     )
 
 
@@ -123,7 +123,8 @@ def _focal(rig: Rig, camera: Camera) -> str:
 
 
 def _lens_accuracy(rig: Rig, camera: Camera) -> str:
-    return f"{lens_accuracy(rig, camera.name):.2g}"
+    accuracy = lens_accuracy(rig, camera.name)
+    return f"{accuracy:.2g}" if np.isfinite(accuracy) else "unknown"
 
 
 def _position(rig: Rig, camera: Camera) -> str:
@@ -137,11 +138,11 @@ def _unless_frame(rig: Rig, camera: Camera, figure: Callable[[Rig, Camera], str]
 
 
 def _position_sigma(rig: Rig, camera: Camera) -> str:
-    return f"{1e3 * rig.position_sigma(camera.name):.2f}"
+    return figure(1e3 * rig.position_sigma(camera.name), 2)
 
 
 def _rotation_sigma(rig: Rig, camera: Camera) -> str:
-    return f"{np.degrees(rig.rotation_sigma(camera.name)):.4f}"
+    return figure(np.degrees(rig.rotation_sigma(camera.name)), 4)
 
 
 def _px(value: float) -> str:

@@ -43,6 +43,8 @@ def verdict(rig: Rig) -> Verdict:
 
 
 def _grade(rig: Rig, weak: list[str]) -> Grade:
+    if not rig.is_doubt_known:
+        return "with care"
     unseparated = any(not camera.observable_focal for camera in rig.cameras)
     if unseparated or not is_determined(rig) or _overfitted(rig, 2 * _OVERFITTED):
         return "not yet"
@@ -50,6 +52,8 @@ def _grade(rig: Rig, weak: list[str]) -> Grade:
 
 
 def _headline(rig: Rig, grade: Grade) -> str:
+    if not rig.is_doubt_known:
+        return "How sure this rig is cannot be said: the file that it comes from does not state it."
     if not is_determined(rig):
         if len(rig.cameras) == 1:
             return "Not to be used yet: nothing that its camera saw determines a lens."
@@ -79,7 +83,7 @@ def _good(rig: Rig) -> list[str]:
     used = sum(not fit.rejected for fit in rig.fits)
     if rig.fits:
         sentences.append(f"{used} of {len(rig.fits)} Views by {counted(len(rig.cameras), 'camera')} took part.")
-    if len(rig.cameras) > 1:
+    if len(rig.cameras) > 1 and rig.is_doubt_known:
         worst = max(rig.cameras, key=lambda camera: rig.position_sigma(camera.name))
         sentences.append(
             f"Every camera's position is known to {length(rig.position_sigma(worst.name))} or better "

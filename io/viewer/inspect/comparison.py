@@ -13,7 +13,7 @@ from quadrig.io.viewer.inspect.space import log_frustum
 from quadrig.io.viewer.shapes import named_points
 from quadrig.rig.comparison import Comparison
 from quadrig.rig.result import Rig
-from quadrig.rig.words import length
+from quadrig.rig.words import figure, length
 
 
 def comparison_blueprint(first: Rig) -> rrb.Blueprint:
@@ -62,9 +62,9 @@ def _arrow_scale(size: float, found: Comparison) -> float:
 
 def _markdown(found: Comparison, sentences: Sequence[str], scale: float) -> str:
     rows = [
-        f"| {one.name} | {one.focal:+.2f} ± {one.focal_sigma:.2f} "
+        f"| {one.name} | {one.focal:+.2f} ± {figure(one.focal_sigma, 2)} "
         f"| {length(one.shift)} ± {length(one.shift_sigma)} "
-        f"| {np.degrees(one.rotation):.4f} ± {np.degrees(one.rotation_sigma):.4f} | {one.sigmas:.1f} |"
+        f"| {np.degrees(one.rotation):.4f} ± {figure(np.degrees(one.rotation_sigma), 4)} | {figure(one.sigmas, 1)} |"
         for one in found.cameras
     ]
     head = ["| camera | focal px | position | rotation degrees | sigmas |", "|---|---|---|---|---|"]
