@@ -193,14 +193,17 @@ def _alone(view: View, given: _Given, points: Floats, focal: float | None) -> So
             f"the View of {view.rectangle!r} has {len(points)} points and {len(view.pixels)} pixels; "
             "give as many of each, four or more"
         )
-    return solve_points(
-        points,
+    # From behind, a rectangle is one seen from the front and turned over.
+    front_from_rect = Pose(np.diag([-1.0, 1.0, -1.0]), np.zeros(3)) if view.back else Pose.identity()
+    answer = solve_points(
+        front_from_rect.transform(points),
         view.pixels,
         given.centre,
         focal=focal,
         sigma=view.expected_sigma,
         principal_point_sigma=given.centre_sigma,
     )
+    return replace(answer, camera_from_rect=answer.camera_from_rect @ front_from_rect)
 
 
 def _likeliest_readings(views: Sequence[View], given: _Given) -> tuple[list[View], tuple[int, ...], list[Solution]]:

@@ -140,8 +140,9 @@ class PointsMarking(Marking):
 class Rectangle:
     """A rectangle of known size, metres; a moving one has a new pose in every frameset.
 
-    world_from_rect: its surveyed pose (R', T' of Eq. 50), where there is one.
-    Raises QuadrigError where a side is not a positive length.
+    world_from_rect: its surveyed pose (R', T' of Eq. 50), where there is one. back: it is seen from behind too, where
+    the marking appears mirrored (on glass, or printed through).
+    Raises QuadrigError where a side is not a positive length, or the marking does not tell its back from its front.
     """
 
     name: str
@@ -150,8 +151,14 @@ class Rectangle:
     marking: Marking = field(default_factory=PointsMarking)
     moving: bool = False
     world_from_rect: Pose | None = field(default=None, compare=False)
+    back: bool = False
 
     def __post_init__(self) -> None:
+        if self.back and self.marking.tags is None:
+            raise QuadrigError(
+                f"rectangle {self.name!r}: {self.marking.description} looks the same from behind; "
+                "leave back out, or take a marking with tags"
+            )
         for side, length in (("width", self.width), ("height", self.height)):
             if not (np.isfinite(length) and length > 0):
                 raise QuadrigError(

@@ -20,6 +20,7 @@ class View:
     time: when the image was taken by its camera's clock, s; nan where unknown.
     common (P, 2): px by which one standard deviation of an error that all pixels share moves each of them (a camera's
     tone curve makes a tag look larger), beside sigma, which is each pixel's own; None where there is none.
+    back: seen from behind, so that its points appear mirrored.
     """
 
     rectangle: str
@@ -31,6 +32,7 @@ class View:
     sigma: float = float("nan")
     time: float = float("nan")
     common: Floats | None = None
+    back: bool = False
 
     @property
     def expected_sigma(self) -> float:

@@ -51,6 +51,7 @@ class _Rectangle(_Table, kw_only=True):
     width: float | None = None
     height: float | None = None
     moving: bool = False
+    back: bool = False
     world_from_rect: _WorldPose | None = None
 
 
@@ -194,9 +195,9 @@ def _rectangle(table: _Rectangle, index: int, text: str, name: str) -> Rectangle
     own_width, own_height = marking.size or (None, None)
     width, height = _side(table, "width", own_width, where), _side(table, "height", own_height, where)
     try:
-        return Rectangle(table.name, width, height, marking, table.moving, world)
+        return Rectangle(table.name, width, height, marking, table.moving, world, table.back)
     except QuadrigError as error:
-        side = "height" if np.isfinite(width) and width > 0 else "width"
+        side = "back" if "back" in str(error) else "height" if np.isfinite(width) and width > 0 else "width"
         raise QuadrigError(f"{locate(name, text, path, side)}: {error}") from error
 
 
@@ -336,6 +337,8 @@ def _rectangle_values(rectangle: Rectangle) -> dict[str, object]:
         values |= {"width": rectangle.width, "height": rectangle.height}
     if rectangle.moving:
         values["moving"] = True
+    if rectangle.back:
+        values["back"] = True
     values["marking"] = marking_keys(rectangle.marking)
     if rectangle.world_from_rect is not None:
         values["world_from_rect"] = {

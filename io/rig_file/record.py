@@ -61,6 +61,7 @@ class RectangleRecord(msgspec.Struct):
     rig_from_rect: list
     covariance: list
     framesets: list[int]
+    back: bool = False
 
 
 class RigRecord(msgspec.Struct):
@@ -233,12 +234,13 @@ def _rectangle_record(placed: PlacedRectangle) -> RectangleRecord:
         rig_from_rect=numbers(placed.rig_from_rect.matrix()),
         covariance=numbers(placed.covariance),
         framesets=np.asarray(placed.framesets, int).tolist(),
+        back=rectangle.back,
     )
 
 
 def _placed_rectangle(held: RectangleRecord) -> PlacedRectangle:
     world = None if held.world_from_rect is None else Pose.from_matrix(read_numbers(held.world_from_rect))
-    rectangle = Rectangle(held.name, held.width, held.height, _marking(held.marking), held.moving, world)
+    rectangle = Rectangle(held.name, held.width, held.height, _marking(held.marking), held.moving, world, held.back)
     one_or_many = (-1,) if held.moving else ()
     return PlacedRectangle(
         rectangle=rectangle,

@@ -7,7 +7,7 @@ from quadrig.single.view import View
 
 
 class ViewRecord(msgspec.Struct, kw_only=True):
-    """A View: points (P, 3) m, pixels (P, 2), alternatives each (P, 3), sigma px, time s, common (P, 2) px.
+    """A View: points (P, 3) m, pixels (P, 2), alternatives each (P, 3), sigma px, time s, common (P, 2) px, back.
 
     camera and frameset have defaults, for detections are kept by image and grouped into framesets later.
     """
@@ -21,6 +21,7 @@ class ViewRecord(msgspec.Struct, kw_only=True):
     sigma: Number
     time: Number = None
     common: list[list[Number]] | None = None
+    back: bool = False
 
 
 def view_record(view: View) -> ViewRecord:
@@ -35,6 +36,7 @@ def view_record(view: View) -> ViewRecord:
         sigma=number(view.sigma),
         time=number(view.time),
         common=None if view.common is None else numbers(view.common),
+        back=view.back,
     )
 
 
@@ -50,4 +52,5 @@ def recorded_view(held: ViewRecord) -> View:
         sigma=read_number(held.sigma),
         time=read_number(held.time),
         common=None if held.common is None else read_numbers(held.common).reshape(-1, 2),
+        back=held.back,
     )

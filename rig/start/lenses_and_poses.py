@@ -29,7 +29,7 @@ from quadrig.single.pose import Pose, compose_jacobians
 from quadrig.single.rectangle import rectangle_corners
 from quadrig.single.rotation import nearest_rotation
 from quadrig.single.solve.closed_form import closed_form
-from quadrig.single.solve.corners import Reason
+from quadrig.single.solve.corners import Reason, corner_reasons
 from quadrig.single.solve.homography import homographies
 from quadrig.single.solve.planar_pose import planar_poses
 
@@ -135,7 +135,11 @@ def _focals(points: Floats, pixels: Floats, weights: Floats, middle: Floats) -> 
     corners = rectangle_corners(size[:, 0], size[:, 1])[..., :2] + ((low + high) / 2)[:, None]
     mapped = np.concatenate([corners, np.ones((*corners.shape[:-1], 1))], axis=-1) @ np.swapaxes(homography, -1, -2)
     with np.errstate(divide="ignore", invalid="ignore"):
-        found = closed_form(mapped[..., :2] / mapped[..., 2:], size[:, 0], size[:, 1], middle)
+        seen = mapped[..., :2] / mapped[..., 2:]
+        # From behind, corners turn the other way; the focal is that of the same sheet turned over.
+        behind = corner_reasons(seen) == Reason.REVERSED
+        seen = np.where(behind[:, None, None], seen[:, ::-1], seen)
+        found = closed_form(seen, size[:, 0], size[:, 1], middle)
         # The four corners of the homography stand for all points: their noise falls with the number of points.
         weight = (weights > 0).sum(axis=1) * (found.focal**2 / found.focal_sigma) ** 2
     # An unknowable focal still votes, with the little weight that its sigma leaves it.

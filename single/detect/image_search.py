@@ -1,6 +1,9 @@
 """Which rectangles are in an image, and where: one call for every kind of marking."""
 
 from collections.abc import Hashable, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
 
 from quadrig.single.arrays import Picture
 from quadrig.single.detect.pictures import grey_image
@@ -22,6 +25,7 @@ def detect_views(
     ChArUco board those inner corners that are in sight, a chessboard all of its inner corners, a blank sheet its
     four corners. Readings that the picture cannot distinguish are in View.alternatives. Camera and frameset are the
     caller's to fill in. Rectangles whose corners are given by hand are not looked for.
+    A rectangle with `back` that is not seen from the front is looked for from behind.
     near: what was found in the same camera's picture before ([] where nothing was). Rectangles are then looked for
     first where they were, and the whole picture is searched once, quickly, for those that are not there: three to
     five times faster, and all but the faintest are found. Search without it now and then.
@@ -32,11 +36,34 @@ def detect_views(
     if min(grey.shape) < _SMALLEST:
         return []
     before = None if near is None else {view.rectangle: view for view in near}
+    by_name = {view.rectangle: view for view in _search_all(grey, rectangles, before)}
+    behind = [r for r in rectangles if r.back and r.name not in by_name]
+    by_name |= {view.rectangle: view for view in find_mirrored(grey, behind, near=near)}
+    return [by_name[r.name] for r in rectangles if r.name in by_name]
+
+
+def find_mirrored(
+    grey: Picture, rectangles: Sequence[Rectangle], *, near: Sequence[View] | None = None
+) -> list[View]:
+    """The Views of rectangles that a grey picture shows mirrored, as from behind; near: as for detect_views."""
+    if not rectangles:
+        return []
+    before = None if near is None else {view.rectangle: _mirrored(view, grey.shape[1]) for view in near}
+    views = _search_all(np.ascontiguousarray(grey[:, ::-1]), rectangles, before)
+    return [_mirrored(view, grey.shape[1]) for view in views]
+
+
+def _mirrored(view: View, width: int) -> View:
+    """What a View of a mirrored picture is in the picture itself: the sheet's points are where they are."""
+    common = None if view.common is None else view.common * [-1, 1]
+    return replace(view, pixels=view.pixels * [-1, 1] + [width - 1, 0], common=common, back=not view.back)
+
+
+def _search_all(grey: Picture, rectangles: Sequence[Rectangle], before: Mapping[str, View] | None) -> list[View]:
     views = _search(grey, [r for r in rectangles if r.marking.tags is None], before)
     for members in families(rectangles).values():
         views += _search(grey, members, before)
-    by_name = {view.rectangle: view for view in views}
-    return [by_name[r.name] for r in rectangles if r.name in by_name]
+    return views
 
 
 def _search(grey: Picture, members: Sequence[Rectangle], before: Mapping[str, View] | None) -> list[View]:

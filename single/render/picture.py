@@ -39,7 +39,7 @@ class Sheet:
     whole sheet, takes the place of the marking's picture. tone: reflectance of the paper.
     rounding: radius of the sheet's corners, metres.
     motion (6,): step of world_from_rect (Pose.retract) during the exposure, from half of it before to half after.
-    The back of a sheet is blank.
+    The back of a sheet is blank, but for a rectangle with `back`: that is printed through.
     """
 
     rectangle: Rectangle
@@ -237,7 +237,7 @@ def _cast(
     if texture[0] is texture[1]:
         return sheet.tone * alpha * np.float32(_shade(camera_from_rect)), alpha, distance
     printed = _mean_light(texture[0], map_x, map_y, samples, blur)
-    tone = np.where(front, _INK * alpha + (sheet.tone - _INK) * printed, sheet.tone * alpha)
+    tone = np.where(front | sheet.rectangle.back, _INK * alpha + (sheet.tone - _INK) * printed, sheet.tone * alpha)
     return tone * np.float32(_shade(camera_from_rect)), alpha, distance
 
 

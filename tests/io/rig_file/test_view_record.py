@@ -21,6 +21,7 @@ FULL = View(
     sigma=0.1 / 3,
     time=1.7e9 + 1 / 3,
     common=RNG.normal(size=(4, 2)),
+    back=True,
 )
 
 
