@@ -22,7 +22,7 @@ from simulated import HEIGHT, WIDTH, Simulated
 from worlds import WORLDS, draw, lenses_of, table_lens
 
 from quadrig.rig.calibration import calibrate
-from quadrig.rig.doubt.working_accuracy import covered_points, rigid_part, triangulation_shape
+from quadrig.rig.doubt.working_accuracy import covered_points, similarity_part, triangulation_shape
 from quadrig.rig.result import Rig
 from quadrig.single.arrays import Floats, Mask
 from quadrig.single.errors import QuadrigError
@@ -98,7 +98,7 @@ def quantiles(made: Simulated, rig: Rig) -> dict[str, list[float]]:
     points, moves = triangulation_shape(rig.cameras, points)
     doubt = moves @ rig.covariance @ np.swapaxes(moves, -1, -2)
     off = triangulated(made, rig, points) - points
-    shape = (off.ravel() - rigid_part(points, off.reshape(-1, 1))[:, 0]).reshape(-1, 3)
+    shape = (off.ravel() - similarity_part(points, off.reshape(-1, 1))[:, 0]).reshape(-1, 3)
     for i in np.linspace(0, len(points) - 1, min(_POINTS, len(points))).round().astype(int):
         found["point"].append(quantile(shape[i], doubt[i]))
     found["accuracy"].append(float(np.sqrt((shape**2).sum(axis=1).mean()) / rig.working_accuracy))

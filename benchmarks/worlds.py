@@ -1,10 +1,17 @@
-"""Worlds that real rigs come from, simulated: lenses as people have them, sheets as printers make them.
+"""Worlds that real rigs come from, simulated: lenses as people have them, sheets as printers make them (too large or
+too small, longer in one direction, bent).
 
 rich: a board waved through 20 to 40 framesets, a few tags. few Views: cameras that look inward or outward, two to
 five tags each, one frameset. one sheet: one moving sheet or board, two to seven framesets. clicked: rectangles of a
 court, corners pointed at by hand, the noise given. court: the three rectangles of a tennis court, whole, from each of
-three cameras, corners pointed at with the noise given. imperfect: rich, with a bent board, a print that is too long
-in one direction and too large, frames out of step and a rolling shutter.
+three cameras, corners pointed at with the noise given. imperfect: rich, half of them waved with frames out of step
+and a rolling shutter.
+
+rich: a board waved through 20 to 40 framesets, a few tags. few Views: cameras that look inward or outward, two to
+five tags each, one frameset. one sheet: one moving sheet or board, two to seven framesets. clicked: rectangles of a
+court, corners pointed at by hand, the noise given. court: the three rectangles of a tennis court, whole, from each of
+three cameras, corners pointed at with the noise given. imperfect: rich, half of them waved with frames out of step
+and a rolling shutter.
 """
 
 import csv
@@ -30,6 +37,8 @@ from quadrig.single.rotation import rotation_from_vector
 _FLATTEST, _FEWEST_CORNERS = 0.3, 12
 # Sheets of paper on a board: how far the middle stands off over 0.36 m, and what a printer adds to lengths.
 _BEND, _STRETCH, _SCALE = 0.0007, 0.0015, 0.001
+# Walls and floors are no bent sheets: from this many times 0.36 m on, they stand off no further.
+_STIFF = 3.0
 # How fast a hand moves a board (m/s), rows of a picture after one another (s), stamps of one instant (s).
 _SPEED, _SHUTTER, _OUT_OF_STEP = 0.3, 0.02, 0.005
 
@@ -99,10 +108,13 @@ class _Room:
         self.folds = [fold(one) for one in self.lenses]
         self.poses, self.views, self.rectangles = poses, [], []
         self.places: dict[str, list[Pose]] = {}
+        self.true: dict[str, Floats] = {}
 
-    def add(self, rectangle: Rectangle) -> None:
+    def add(self, rectangle: Rectangle, points: Floats | None = None) -> None:
+        """A rectangle, with the points that it bears where these are not its corners, printed as sheets are."""
         self.rectangles.append(rectangle)
         self.places[rectangle.name] = []
+        self.true[rectangle.name] = printed(self.rng, rectangle.corners if points is None else points)
 
     def pixels(self, camera: int, place: Pose, points: Floats) -> Floats:
         """Pixels (P, 2) where a camera sees points of a sheet, nan where it does not."""
@@ -117,12 +129,11 @@ class _Room:
         sees = inside & (radii(camera_from_rect.transform(points)) < self.folds[camera])
         return np.where(sees[:, None], pixels, np.nan)
 
-    def see(
-        self, rectangle: Rectangle, points: Floats, place: Pose, frameset: int, true: Floats | None = None
-    ) -> int:
-        """Views of all cameras of a sheet at a place; true: where its points really are on it. How many saw it."""
+    def see(self, rectangle: Rectangle, place: Pose, frameset: int) -> None:
+        """Views of all cameras of the corners of a rectangle at a place."""
         self.places[rectangle.name].append(place)
-        return sum(self.look(c, rectangle, points, place, frameset, true) for c in range(len(self.poses)))
+        for camera in range(len(self.poses)):
+            self.look(camera, rectangle, rectangle.corners, place, frameset, self.true[rectangle.name])
 
     def look(
         self,
@@ -131,17 +142,16 @@ class _Room:
         points: Floats,
         place: Pose,
         frameset: int,
-        true: Floats | None = None,
-    ) -> bool:
-        """The View of one camera, if there is one."""
-        pixels = self.pixels(camera, place, points if true is None else true)
+        true: Floats,
+    ) -> None:
+        """The View of one camera, if there is one; true (P, 3): where the points really are on the sheet."""
+        pixels = self.pixels(camera, place, true)
         seen = np.isfinite(pixels).all(axis=1)
         if seen.sum() < (4 if len(points) == 4 else _FEWEST_CORNERS):
-            return False
+            return
         noisy = pixels[seen] + self.noise * self.rng.normal(size=(int(seen.sum()), 2))
         name = f"cam{camera}"
         self.views.append(View(rectangle.name, points[seen], noisy, name, frameset, sigma=self.sigma))
-        return True
 
     def made(self) -> Simulated:
         inputs = tuple(CameraInput(f"cam{i}", WIDTH, HEIGHT) for i in range(len(self.poses)))
@@ -185,8 +195,8 @@ def one_sheet(rng: np.random.Generator, lens: Lens) -> Simulated:
 
 
 def imperfect(rng: np.random.Generator, lens: Lens) -> Simulated:
-    """All faults at once: half of the boards are held still for every picture, half are waved."""
-    return _waved(rng, lens, int(rng.integers(20, 41)), board=True, speed=_SPEED * int(rng.integers(2)), faults=1.0)
+    """Half of the boards are held still for every picture, half are waved, out of step and with a rolling shutter."""
+    return _waved(rng, lens, int(rng.integers(20, 41)), board=True, speed=_SPEED * int(rng.integers(2)))
 
 
 def _waved(
@@ -196,14 +206,13 @@ def _waved(
     board: bool,
     tags: int | None = None,
     speed: float = 0.0,
-    faults: float = 0.0,
 ) -> Simulated:
     poses = _inward(rng, int(rng.integers(3, 7)), rng.uniform(1.2, 2.8))
     room = _Room(rng, lens, poses, float(rng.uniform(0.1, 0.6)))
     sheet = Rectangle("sheet", 0.54, 0.42, moving=True) if board else Rectangle("sheet", 0.297, 0.21, moving=True)
     points = board_points(9, 7, 0.06) if board else sheet.corners
-    true = printed(rng, points, faults)
-    room.add(sheet)
+    room.add(sheet, points)
+    true = room.true[sheet.name]
     for frameset in range(framesets):
         place = _held(rng, poses, rng.uniform([-0.6, -0.4, -0.5], [0.6, 0.4, 0.5]), 0.4)
         room.places["sheet"].append(place)
@@ -220,19 +229,18 @@ def _waved(
     for tag in range(int(rng.integers(1, 4)) if tags is None else tags):
         rectangle = Rectangle(f"tag{tag}", 0.2, 0.2)
         room.add(rectangle)
-        corners = printed(rng, rectangle.corners, faults)
         place = _held(rng, poses, rng.uniform([-0.6, -0.4, -0.5], [0.6, 0.4, 0.5]), 0.4)
         for frameset in range(0, framesets, max(1, framesets // 3)):
-            room.see(rectangle, rectangle.corners, place, frameset, corners)
+            room.see(rectangle, place, frameset)
     return room.made()
 
 
-def printed(rng: np.random.Generator, points: Floats, faults: float) -> Floats:
+def printed(rng: np.random.Generator, points: Floats) -> Floats:
     """Points (P, 3) of a sheet as printer and paper make them: too large, longer in one direction, and bent."""
-    scale = 1 + faults * (_SCALE * rng.normal() + _STRETCH / 2 * rng.normal() * np.array([1, -1, 0]))
+    scale = 1 + _SCALE * rng.normal() + _STRETCH / 2 * rng.normal() * np.array([1, -1, 0])
     half = np.ptp(points, axis=0).max() / 2
     u, v = points[:, 0] / half, points[:, 1] / half
-    bends = faults * _BEND * (2 * half / 0.36) * rng.normal(size=3) / np.sqrt(3)
+    bends = _BEND * min(2 * half / 0.36, _STIFF) * rng.normal(size=3) / np.sqrt(3)
     result = points * scale
     result[:, 2] += bends @ np.stack([u * u, 2 * u * v, v * v])
     return result
@@ -256,7 +264,7 @@ def few_views(rng: np.random.Generator, lens: Lens) -> Simulated:
         who = [np.isfinite(room.pixels(c, pose, rectangle.corners)).all() for c in range(count)]
         if sum(who) >= 2 and any(seen[c] < wanted for c in np.flatnonzero(who)):
             room.add(rectangle)
-            room.see(rectangle, rectangle.corners, pose, 0)
+            room.see(rectangle, pose, 0)
             seen += np.array(who)
     return room.made()
 
@@ -275,7 +283,7 @@ def clicked(rng: np.random.Generator, lens: Lens) -> Simulated:
         width, height, along = boxes[index]
         rectangle = Rectangle(f"box{index}", width, height)
         room.add(rectangle)
-        room.see(rectangle, rectangle.corners, Pose(floor, np.array([0.0, 0.0, along])), 0)
+        room.see(rectangle, Pose(floor, np.array([0.0, 0.0, along])), 0)
     return room.made()
 
 
@@ -294,7 +302,7 @@ def court(rng: np.random.Generator, lens: Lens) -> Simulated:
                 break
     for rectangle in rectangles:
         room.add(rectangle)
-        room.see(rectangle, rectangle.corners, floor, 0)
+        room.see(rectangle, floor, 0)
     return room.made()
 
 

@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from quadrig.rig.doubt.verdict import Verdict as Verdict
     from quadrig.rig.doubt.verdict import verdict as verdict
     from quadrig.rig.doubt.working_accuracy import covered_points as covered_points
-    from quadrig.rig.doubt.working_accuracy import working_accuracy as working_accuracy
     from quadrig.rig.moved import CameraMove as CameraMove
     from quadrig.rig.moved import find_moved as find_moved
     from quadrig.rig.problem.camera_input import CameraInput as CameraInput
@@ -55,7 +54,6 @@ _MODULE_OF = {
     "Verdict": "doubt.verdict",
     "verdict": "doubt.verdict",
     "covered_points": "doubt.working_accuracy",
-    "working_accuracy": "doubt.working_accuracy",
     "CameraMove": "moved",
     "find_moved": "moved",
     "CameraInput": "problem.camera_input",

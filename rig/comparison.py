@@ -18,7 +18,8 @@ _ROUNDS = 10
 
 @dataclass(frozen=True, eq=False)
 class CameraDifference:
-    """Second rig minus first for one camera, in the first's frame. Each sigma is of the difference, from both rigs.
+    """Second rig minus first for one camera, in the first's frame. Each sigma is of the difference in one direction,
+    from both rigs.
 
     focal px; shift m; rotation rad. step (6,) of rig_from_camera. sigmas: root of the Mahalanobis distance of the
     step over its freedoms: near 1 where the rigs agree as well as they claim. chance: of so large a difference by
@@ -110,9 +111,9 @@ def _difference(first: Rig, second: Rig, name: str, step: Floats, doubt: Floats)
         second.camera(name).intrinsics.focal - first.camera(name).intrinsics.focal,
         float(np.hypot(first.focal_sigma(name), second.focal_sigma(name))),
         float(np.linalg.norm(step[3:])),
-        float(np.sqrt(max(np.trace(doubt[3:, 3:]), 0))),
+        float(np.sqrt(max(np.trace(doubt[3:, 3:]) / 3, 0))),
         float(np.linalg.norm(step[:3])),
-        float(np.sqrt(max(np.trace(doubt[:3, :3]), 0))),
+        float(np.sqrt(max(np.trace(doubt[:3, :3]) / 3, 0))),
         step,
         float(np.sqrt(distance / max(freedoms, 1))),
         _chance(distance, freedoms),

@@ -17,6 +17,7 @@ from typing import Literal
 
 import numpy as np
 
+from quadrig.rig.adjustment.bordered import border_of
 from quadrig.rig.adjustment.levenberg_marquardt import adjust, undamped
 from quadrig.rig.adjustment.outliers import EXPECTED_WEIGHT, noise_of
 from quadrig.rig.adjustment.schur import dense_matrix
@@ -24,6 +25,8 @@ from quadrig.rig.adjustment.twist_jacobians import step_by_camera_twist
 from quadrig.rig.joint.cross_validation import cross_validate
 from quadrig.rig.joint.residual_noise import residual_sum
 from quadrig.rig.joint.stages import Contradicted, Joint, solve_jointly
+from quadrig.rig.joint.view_errors import view_error_variances
+from quadrig.rig.joint.widened import gradient_covariance
 from quadrig.rig.problem.build import Problem, build_problem
 from quadrig.rig.problem.camera_input import CameraInput
 from quadrig.rig.problem.connectivity import components
@@ -203,17 +206,25 @@ def _new_information(rig: Rig, problem: Problem, joint: Joint) -> tuple[Floats, 
     nothing = np.zeros_like(joint.free.prior_information)
     opened = replace(joint.free, lens=free, pose=np.ones(len(free), bool), prior_information=nothing)
     chi_square, freedom = residual_sum(
-        joint.adjustment, joint.observations, joint.free, joint.noise, joint.covariance
+        joint.adjustment, joint.observations, joint.free, joint.noise, joint.covariance, joint.bordered.effective
     )
     # What is known of the noise beforehand is what these cameras had when they were calibrated.
     usual = rig.noise if np.isfinite(rig.noise) else joint.noise
-    # What the new recording's own parts disagree on is no motion either.
-    noise = noise_of(chi_square, freedom, usual) * np.sqrt(cross_validate(problem, joint).widening.mean())
+    noise = noise_of(chi_square, freedom, usual)
     found = adjust(joint.observations, joint.adjustment.state, opened, noise, most_steps=0)
     reduced = undamped(found, opened)
-    matrix, unknown = dense_matrix(reduced), reduced.free.ravel()
-    matrix[~unknown, ~unknown] = 0.0
+    unknown = reduced.free.ravel()
+    border = border_of(joint.errors, joint.values, joint.observations, found, opened, noise, reduced)
+    lost = border.information_lost()
+    matrix = np.where(unknown[:, None] & unknown, dense_matrix(reduced) - lost, 0.0)
     gradient = np.where(unknown, reduced.gradient.ravel(), 0.0)
+    gradient = gradient - border.cameras @ np.linalg.solve(border.information, border.gradient)
+    # What the new recording's own parts and Views disagree on is no motion either.
+    widening, errors = cross_validate(problem, joint).widening, view_error_variances(problem, joint)
+    spread = gradient_covariance(joint.observations, found, opened, reduced, widening, errors)
+    spread = np.where(unknown[:, None] & unknown, spread @ np.eye(len(unknown)) - lost, 0.0)
+    weight = np.linalg.pinv(spread, hermitian=True) @ np.column_stack([matrix, gradient])
+    matrix, gradient = matrix @ weight[:, :-1], matrix @ weight[:, -1]
     size = len(found.columns) + 6
     is_clock = np.tile(np.arange(reduced.free.shape[1]) >= size, len(free))
     return (*_without(matrix, gradient, is_clock), found.columns, max(freedom, 0.0) + EXPECTED_WEIGHT)
@@ -334,8 +345,8 @@ def _answer(evidence: _Evidence, others: list[int], index: int, sigmas: float) -
         "cannot tell" if blind else "unmoved",
         float(np.linalg.norm(step[3:])),
         float(np.linalg.norm(step[:3])),
-        float(np.sqrt(max(shift_doubt.sum(), 0))),
-        float(np.sqrt(max(rotation_doubt.sum(), 0))),
+        float(np.sqrt(max(shift_doubt.mean(), 0))),
+        float(np.sqrt(max(rotation_doubt.mean(), 0))),
         float(f.sf(_gain(evidence, others, index) / _FREEDOMS, _FREEDOMS, evidence.freedom[index])),
         found,
         why=f"it would have to move by {length(found)} to be noticed; show more rectangles to it" if blind else "",

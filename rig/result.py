@@ -6,6 +6,7 @@ from html import escape
 
 import numpy as np
 
+from quadrig.rig.sheet_shape import SheetShape
 from quadrig.rig.words import counted, figure, length, with_sigma
 from quadrig.single.arrays import Floats, Ints, Mask
 from quadrig.single.lens import LENS_PARAMETERS, Intrinsics
@@ -48,13 +49,15 @@ class PlacedRectangle:
     """A rectangle where it stood: once where static, at each frameset where moving.
 
     framesets (F,) int: empty for a static one. rig_from_rect: one Pose, or a batch (F,).
-    covariance: (6, 6), or (F, 6, 6), of the step of rig_from_rect.
+    covariance: (6, 6), or (F, 6, 6), of the step of rig_from_rect. shape: how the sheet differs from a flat one of
+    its size; None where nobody looked.
     """
 
     rectangle: Rectangle
     rig_from_rect: Pose
     covariance: Floats
     framesets: Ints = field(default_factory=lambda: np.zeros(0, int))
+    shape: SheetShape | None = None
 
     @property
     def name(self) -> str:
@@ -86,7 +89,9 @@ class Rig:
     noise: the standard deviation of a pixel coordinate, px, as the data showed it, of a View of median sigma.
     rms, held_out_rms: px, of the fit, and of framesets that took no part in it.
     working_accuracy: m, the sigma of a point triangulated in the volume where rectangles were seen (root mean
-    square over the volume, of the largest axis), from the calibration's doubt alone.
+    square over the volume, of the largest axis), from the calibration's doubt alone and in units of the sheets as
+    printed; point_accuracy: the same of one point, with the noise of its own pixels. scale_sigma: of all lengths
+    together, as a share of them: sheets may be printed a little too large, and no picture shows it.
     dispersion: what all covariances have been multiplied by, because parts of the recording disagree on the cameras
     by more than noise explains; 1 where they do not.
     missing: a sentence for each camera that could not be placed, by name. weak: what is weak, in words.
@@ -103,6 +108,8 @@ class Rig:
     rms: float = float("nan")
     held_out_rms: float = float("nan")
     working_accuracy: float = float("nan")
+    point_accuracy: float = float("nan")
+    scale_sigma: float = float("nan")
     missing: dict[str, str] = field(default_factory=dict)
     weak: tuple[str, ...] = ()
     costs: tuple[float, ...] = ()
@@ -174,12 +181,12 @@ class Rig:
         return float(np.sqrt(self.lens_covariance(name)[0, 0]))
 
     def rotation_sigma(self, name: str) -> float:
-        """Root of the summed variances of the three rotation components, rad."""
-        return float(np.sqrt(np.trace(self.pose_covariance(name)[:3, :3])))
+        """Sigma of the rotation about one axis, rad: root mean square over all."""
+        return float(np.sqrt(np.trace(self.pose_covariance(name)[:3, :3]) / 3))
 
     def position_sigma(self, name: str) -> float:
-        """Root of the summed variances of the camera's position, m."""
-        return float(np.sqrt(np.trace(self.pose_covariance(name)[3:, 3:])))
+        """Sigma of the camera's position in one direction, m: root mean square over all."""
+        return float(np.sqrt(np.trace(self.pose_covariance(name)[3:, 3:]) / 3))
 
 
 def _described(placed: PlacedRectangle) -> str:

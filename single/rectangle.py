@@ -17,6 +17,11 @@ from quadrig.single.patch import Patch
 from quadrig.single.pose import Pose
 from quadrig.single.view import View
 
+PRINT_SCALE_SIGMA = 0.001
+"""How well the size of a sheet that was printed and not measured is known, as a share of it."""
+# Who knows a size no better than this cannot calibrate with it.
+_LARGEST_SCALE_SIGMA = 0.5
+
 FoundTags = Mapping[int, Sequence[Floats]]
 """Rough corners (4, 2) px of the tags seen in a picture, by id: top left first and clockwise on the printed tag."""
 
@@ -142,7 +147,9 @@ class Rectangle:
 
     world_from_rect: its surveyed pose (R', T' of Eq. 50), where there is one. back: it is seen from behind too, where
     the marking appears mirrored (on glass, or printed through).
-    Raises QuadrigError where a side is not a positive length, or the marking does not tell its back from its front.
+    scale_sigma: how well its size is known, as a share of it: a printer's scale, or what was measured.
+    Raises QuadrigError where a side is not a positive length, the marking does not tell its back from its front, or
+    scale_sigma is not a small positive share.
     """
 
     name: str
@@ -152,6 +159,7 @@ class Rectangle:
     moving: bool = False
     world_from_rect: Pose | None = field(default=None, compare=False)
     back: bool = False
+    scale_sigma: float = PRINT_SCALE_SIGMA
 
     def __post_init__(self) -> None:
         if self.back and self.marking.tags is None:
@@ -164,6 +172,11 @@ class Rectangle:
                 raise QuadrigError(
                     f"rectangle {self.name!r}: {side} is {length} m; give the measured length, above zero"
                 )
+        if not 0 < self.scale_sigma < _LARGEST_SCALE_SIGMA:
+            raise QuadrigError(
+                f"rectangle {self.name!r}: scale_sigma is {self.scale_sigma}; give how well its size is known, as a "
+                f"share above 0 and below {_LARGEST_SCALE_SIGMA} (0.001 for 0.1 %)"
+            )
 
     @property
     def corners(self) -> Floats:

@@ -21,7 +21,7 @@ from quadrig.single.errors import QuadrigError
 from quadrig.single.lens import Intrinsics, LensModel, image_middle
 from quadrig.single.markings.registry import marking_kinds
 from quadrig.single.pose import Pose
-from quadrig.single.rectangle import Marking, Rectangle
+from quadrig.single.rectangle import PRINT_SCALE_SIGMA, Marking, Rectangle
 from quadrig.single.rotation import rotation_from_angles, rotation_from_quaternion
 
 # Lengths measured twice, once as columns x square and once as the sheet's side, agree to a printer's rounding.
@@ -52,6 +52,7 @@ class _Rectangle(_Table, kw_only=True):
     height: float | None = None
     moving: bool = False
     back: bool = False
+    scale_sigma: float = PRINT_SCALE_SIGMA
     world_from_rect: _WorldPose | None = None
 
 
@@ -195,9 +196,11 @@ def _rectangle(table: _Rectangle, index: int, text: str, name: str) -> Rectangle
     own_width, own_height = marking.size or (None, None)
     width, height = _side(table, "width", own_width, where), _side(table, "height", own_height, where)
     try:
-        return Rectangle(table.name, width, height, marking, table.moving, world, table.back)
+        return Rectangle(table.name, width, height, marking, table.moving, world, table.back, table.scale_sigma)
     except QuadrigError as error:
-        side = "back" if "back" in str(error) else "height" if np.isfinite(width) and width > 0 else "width"
+        sides = (("width", width), ("height", height))
+        broken = [key for key, length in sides if not (np.isfinite(length) and length > 0)]
+        side = broken[0] if broken else "back" if "back" in str(error) else "scale_sigma"
         raise QuadrigError(f"{locate(name, text, path, side)}: {error}") from error
 
 
@@ -339,6 +342,8 @@ def _rectangle_values(rectangle: Rectangle) -> dict[str, object]:
         values["moving"] = True
     if rectangle.back:
         values["back"] = True
+    if rectangle.scale_sigma != PRINT_SCALE_SIGMA:
+        values["scale_sigma"] = rectangle.scale_sigma
     values["marking"] = marking_keys(rectangle.marking)
     if rectangle.world_from_rect is not None:
         values["world_from_rect"] = {

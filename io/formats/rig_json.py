@@ -80,6 +80,8 @@ class _File(msgspec.Struct):
     lens_only: dict[str, _Lens] = {}
     rectangles: dict[str, dict[str, Any]] = {}
     working_accuracy_mm: float | None = None
+    point_accuracy_mm: float | None = None
+    scale_sigma: float | None = None
     covariance: _Covariance | None = None
     format: str = "quadrig rig"
     version: int = JSON_VERSION
@@ -112,11 +114,13 @@ def read_json(path: Path) -> Held:
         for name, camera in held.cameras.items()
     }
     rig = _rig_of(held.cameras, poses, held.rig_frame, path)
-    accuracy = np.nan if held.working_accuracy_mm is None else held.working_accuracy_mm / 1e3
+    accuracies = (held.working_accuracy_mm, held.point_accuracy_mm, held.scale_sigma)
+    working, point, scale = (np.nan if value is None else value for value in accuracies)
     if held.covariance is not None:
         rig = replace(rig, covariance=_joint_covariance(held.covariance, held.cameras, path))
     apart = [_rig_of({name: lens}, {name: Pose.identity()}, name, path) for name, lens in held.lens_only.items()]
-    return Held(rig=replace(rig, working_accuracy=accuracy, apart=tuple(apart)))
+    figures = {"working_accuracy": working / 1e3, "point_accuracy": point / 1e3, "scale_sigma": scale}
+    return Held(rig=replace(rig, **figures, apart=tuple(apart)))
 
 
 def _rig_of(cameras: Mapping[str, _Lens], poses: Mapping[str, Pose], frame: str, path: Path) -> Rig:
@@ -146,6 +150,8 @@ def rig_values(rig: Rig, *, covariance: bool = False) -> dict[str, Any]:
         "cameras": {camera.name: _camera_values(rig, camera) for camera in rig.cameras},
         "lens_only": {camera.name: _lens_values(own, camera) for own, camera in rig.lens_only},
         "working_accuracy_mm": 1e3 * rig.working_accuracy,
+        "point_accuracy_mm": 1e3 * rig.point_accuracy,
+        "scale_sigma": rig.scale_sigma,
         "rectangles": {placed.name: _rectangle_values(placed) for placed in rig.rectangles},
     }
     if not covariance:

@@ -12,11 +12,12 @@ import numpy as np
 from quadrig.io.rig_file.json_numbers import Number, number, numbers, read_number, read_numbers
 from quadrig.io.rig_file.view_record import ViewRecord, recorded_view, view_record
 from quadrig.rig.result import Camera, PlacedRectangle, Rig, ViewFit
+from quadrig.rig.sheet_shape import SheetShape
 from quadrig.single.errors import QuadrigError
 from quadrig.single.lens import Intrinsics, LensModel
 from quadrig.single.markings.registry import marking_kinds, marking_values
 from quadrig.single.pose import Pose
-from quadrig.single.rectangle import Marking, Rectangle
+from quadrig.single.rectangle import PRINT_SCALE_SIGMA, Marking, Rectangle
 
 RECORD_FORMAT = 1
 """Raised when a reader of the old record would misread the new one."""
@@ -50,7 +51,7 @@ class CameraRecord(msgspec.Struct):
 
 
 class RectangleRecord(msgspec.Struct):
-    """A PlacedRectangle; rig_from_rect is 4x4 where static, (F, 4, 4) where moving."""
+    """A PlacedRectangle; rig_from_rect is 4x4 where static, (F, 4, 4) where moving. shape: values and covariance."""
 
     name: str
     width: float
@@ -62,6 +63,8 @@ class RectangleRecord(msgspec.Struct):
     covariance: list
     framesets: list[int]
     back: bool = False
+    scale_sigma: float = PRINT_SCALE_SIGMA
+    shape: list | None = None
 
 
 class RigRecord(msgspec.Struct):
@@ -82,6 +85,8 @@ class RigRecord(msgspec.Struct):
     times: list[int] = []
     dispersion: Number = 1.0
     apart: list["RigRecord"] = []
+    point_accuracy: Number = None
+    scale_sigma: Number = None
 
 
 class FitRecord(ViewRecord, kw_only=True):
@@ -109,6 +114,8 @@ def _rig_record(rig: Rig, times: tuple[int, ...] = ()) -> RigRecord:
         rms=number(rig.rms),
         left_out_rms=number(rig.held_out_rms),
         working_accuracy=number(rig.working_accuracy),
+        point_accuracy=number(rig.point_accuracy),
+        scale_sigma=number(rig.scale_sigma),
         missing=dict(rig.missing),
         weak=tuple(rig.weak),
         costs=[number(cost) for cost in rig.costs],
@@ -158,6 +165,8 @@ def _rig(held: RigRecord, fits: tuple[ViewFit, ...]) -> Rig:
         rms=read_number(held.rms),
         held_out_rms=read_number(held.left_out_rms),
         working_accuracy=read_number(held.working_accuracy),
+        point_accuracy=read_number(held.point_accuracy),
+        scale_sigma=read_number(held.scale_sigma),
         missing=held.missing,
         weak=held.weak,
         costs=tuple(read_number(cost) for cost in held.costs),
@@ -235,18 +244,23 @@ def _rectangle_record(placed: PlacedRectangle) -> RectangleRecord:
         covariance=numbers(placed.covariance),
         framesets=np.asarray(placed.framesets, int).tolist(),
         back=rectangle.back,
+        scale_sigma=float(rectangle.scale_sigma),
+        shape=None if placed.shape is None else [numbers(placed.shape.values), numbers(placed.shape.covariance)],
     )
 
 
 def _placed_rectangle(held: RectangleRecord) -> PlacedRectangle:
     world = None if held.world_from_rect is None else Pose.from_matrix(read_numbers(held.world_from_rect))
-    rectangle = Rectangle(held.name, held.width, held.height, _marking(held.marking), held.moving, world, held.back)
+    rectangle = Rectangle(
+        held.name, held.width, held.height, _marking(held.marking), held.moving, world, held.back, held.scale_sigma
+    )
     one_or_many = (-1,) if held.moving else ()
     return PlacedRectangle(
         rectangle=rectangle,
         rig_from_rect=Pose.from_matrix(read_numbers(held.rig_from_rect).reshape(*one_or_many, 4, 4)),
         covariance=read_numbers(held.covariance).reshape(*one_or_many, 6, 6),
         framesets=np.array(held.framesets, int),
+        shape=None if held.shape is None else SheetShape(*(read_numbers(part) for part in held.shape)),
     )
 
 

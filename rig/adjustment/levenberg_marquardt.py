@@ -139,7 +139,7 @@ def with_noise(
     shift[:] = np.eye(gram.shape[-1])
     shift[:, :-1, -1] = -by_view
     gram = np.swapaxes(shift, -1, -2) @ gram @ shift
-    state = _stepped(observations, found.columns, found.state, None, steps, poses)
+    state = stepped(observations, found.columns, found.state, None, steps, poses)
     linearised = replace(found.linearised, gram=gram, cost=float(gram[:, -1, -1].sum()))
     moved = replace(found, state=state, linearised=linearised)
     return replace(moved, normal=_normal(observations, moved, free, gram))
@@ -201,7 +201,7 @@ def _better(problem: _Adjusted, here: _Expansion, damping: Damping) -> tuple[_Ex
             continue
         poses = node_steps(normal, problem.tables, reduced, steps)
         expected = float((steps * normal.camera_gradient * unknowns).sum() + (poses * normal.node_gradient).sum())
-        trial = _stepped(problem.observations, problem.columns, here.state, here.eliminated, steps, poses)
+        trial = stepped(problem.observations, problem.columns, here.state, here.eliminated, steps, poses)
         found = _linearised(problem, trial)
         gained = gain(here.cost, found[1], expected)
         damping = damping.after(gained)
@@ -216,10 +216,10 @@ def _better(problem: _Adjusted, here: _Expansion, damping: Damping) -> tuple[_Ex
 def followed(found: Adjustment, observations: Observations, reduced: Reduced, steps: Floats) -> State:
     """The state after steps (C, M) of the cameras from the end of an adjustment; all else follows."""
     poses = node_steps(found.normal, found.layout, reduced, steps)
-    return _stepped(observations, found.columns, found.state, found.eliminated, steps, poses)
+    return stepped(observations, found.columns, found.state, found.eliminated, steps, poses)
 
 
-def _stepped(
+def stepped(
     observations: Observations,
     columns: Ints,
     state: State,
@@ -227,6 +227,7 @@ def _stepped(
     steps: Floats,
     poses: Floats,
 ) -> State:
+    """The state after steps of the cameras (C, M) and the nodes (N, 6); slack follows them."""
     count = len(columns)
     lens = np.zeros_like(state.lens)
     lens[:, columns] = steps[:, :count]

@@ -103,7 +103,7 @@ def _gram(
     group: ObservationGroup, state: State, chained: Pose, columns: Ints, noise: float, robust: bool
 ) -> tuple[Floats, Floats, float]:
     """Gram matrices (V, K+7, K+7), squared residuals (V, P) px^2 and cost of some Views."""
-    rows, square = _rows(group, state.lens[group.camera], chained[group.view], columns)
+    rows, square = view_rows(group, state.lens[group.camera], chained[group.view], columns)
     weights, cost = _weighed(group, square, noise, robust)
     if not np.isfinite(square.sum()):
         rows[~np.isfinite(rows)] = 0.0
@@ -144,8 +144,9 @@ def _weighed(group: ObservationGroup, square: Floats, noise: float, robust: bool
     return weights, cost
 
 
-def _rows(group: ObservationGroup, lens: Floats, camera_from_rect: Pose, columns: Ints) -> tuple[Floats, Floats]:
-    """Rows (K + 7, V, 2, P) of derivatives and residual, and squared residuals (V, P)."""
+def view_rows(group: ObservationGroup, lens: Floats, camera_from_rect: Pose, columns: Ints) -> tuple[Floats, Floats]:
+    """Rows (K + 7, V, 2, P) of derivatives by lens (V, 9) and step of camera_from_rect (V,), and of the residual; and
+    squared residuals (V, P) px^2. Unweighted; not finite where a point is behind its camera."""
     count, size = group.weights.shape
     turned = (camera_from_rect.rotation @ np.swapaxes(group.points, -1, -2)).transpose(1, 0, 2).copy()
     located = turned + camera_from_rect.translation.T[:, :, None]

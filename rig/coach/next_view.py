@@ -16,7 +16,7 @@ from quadrig.rig.doubt.information import (
     triangulation_derivatives,
     visible,
 )
-from quadrig.rig.doubt.working_accuracy import rigid_basis, rigid_part
+from quadrig.rig.doubt.working_accuracy import similarity_basis, similarity_part
 from quadrig.rig.result import CAMERA_PARAMETERS, Camera
 from quadrig.single.arrays import Floats, Ints, Mask
 from quadrig.single.pose import Pose
@@ -193,7 +193,7 @@ def seen(cameras: Sequence[Camera], placements: Placements) -> Mask:
 def accuracy_weight(cameras: Sequence[Camera], points: Floats) -> Floats:
     """M (15 C, 15 C): trace(M covariance) is the mean variance, m^2, of the points (N, 3) that two cameras see.
 
-    As in the working accuracy, a motion of all points together counts nothing.
+    As in the working accuracy, a motion or an enlargement of all points together counts nothing.
     """
     size = len(cameras) * CAMERA_PARAMETERS
     if not len(points):
@@ -202,7 +202,7 @@ def accuracy_weight(cameras: Sequence[Camera], points: Floats) -> Floats:
     derivatives = triangulation_derivatives(cameras, points, sees)
     possible = np.isfinite(derivatives).all((1, 2))
     rows = derivatives[possible].reshape(-1, size)
-    shape = rows - rigid_part(points[possible], rows)
+    shape = rows - similarity_part(points[possible], rows)
     return shape.T @ shape / max(1, int(possible.sum()))
 
 
@@ -267,10 +267,12 @@ def _against(cameras: Sequence[Camera], volume: Floats, points: Floats) -> tuple
     kept = np.all(np.isfinite(known), axis=(1, 2))
     middle = volume[kept].mean(0) if kept.any() else np.zeros(3)
     motion = np.linalg.lstsq(
-        rigid_basis(volume[kept] - middle).reshape(-1, 6), known[kept].reshape(3 * int(kept.sum()), -1), rcond=None
+        similarity_basis(volume[kept] - middle).reshape(-1, 7),
+        known[kept].reshape(3 * int(kept.sum()), -1),
+        rcond=None,
     )[0]
     counted = np.all(np.isfinite(moved), axis=(1, 2))
-    shape = np.where(counted[:, None, None], moved - rigid_basis(points - middle) @ motion, 0.0)
+    shape = np.where(counted[:, None, None], moved - similarity_basis(points - middle) @ motion, 0.0)
     return shape, counted
 
 

@@ -98,18 +98,30 @@ def triangulation_derivatives(cameras: Sequence[Camera], points: Floats, sees: M
     sees (C, N) bool: which camera takes part; where None, those into whose picture a point falls. nan for points that
     fewer than two cameras see.
     """
-    pixels, by_camera, by_point = derivatives_of_all(cameras, points)
-    if sees is None:
-        sees = np.stack([_in_picture(camera, own) for camera, own in zip(cameras, pixels, strict=True)])
-    by_camera, by_point = (np.where(sees[..., None, None], each, 0.0) for each in (by_camera, by_point))
+    by_camera, by_point = _of_seen(cameras, points, sees)
     transposed = np.swapaxes(by_point, -1, -2)
     normal = (transposed @ by_point).sum(axis=0)
-    normal[sees.sum(0) < 2] = np.nan
+    normal[(by_point != 0).any(axis=(-1, -2)).sum(axis=0) < 2] = np.nan
     moved = np.moveaxis(transposed @ by_camera, 0, 2).reshape(len(points), 3, -1)
     result = np.full_like(moved, np.nan)
     possible = np.isfinite(normal).all((1, 2))
     result[possible] = -np.linalg.inv(normal[possible]) @ moved[possible]
     return result
+
+
+def triangulation_information(cameras: Sequence[Camera], points: Floats) -> Floats:
+    """What one picture of each camera says of points (N, 3) for noise of 1 px: (N, 3, 3), 1/m^2."""
+    _, by_point = _of_seen(cameras, points, None)
+    return (np.swapaxes(by_point, -1, -2) @ by_point).sum(axis=0)
+
+
+def _of_seen(cameras: Sequence[Camera], points: Floats, sees: Mask | None) -> tuple[Floats, Floats]:
+    """Derivatives of pixels by the camera (C, N, 2, 15) and by the point (C, N, 2, 3), zero where it is not seen."""
+    pixels, by_camera, by_point = derivatives_of_all(cameras, points)
+    if sees is None:
+        sees = np.stack([_in_picture(camera, own) for camera, own in zip(cameras, pixels, strict=True)])
+    by_camera, by_point = (np.where(sees[..., None, None], each, 0.0) for each in (by_camera, by_point))
+    return by_camera, by_point
 
 
 def visible(camera: Camera, points: Floats, margin: float = 0.0) -> Mask:

@@ -9,11 +9,13 @@ import numpy as np
 from quadrig.rig.doubt.disagreement import Disagreement, disagreements
 from quadrig.rig.doubt.lens_accuracy import accuracy_in_words, is_determined
 from quadrig.rig.doubt.residual_field import residual_field
-from quadrig.rig.result import Rig
+from quadrig.rig.result import PlacedRectangle, Rig
 from quadrig.rig.words import counted, length
 
 Grade = Literal["good", "with care", "not yet"]
 
+# Sigmas from which a sheet is said not to be flat: by chance one in a thousand.
+_BOWED = 3.3
 # Held-out framesets that miss this much more than those of the fit: the rig follows its noise, not the room.
 _OVERFITTED = 1.5
 PATTERN = 3.0
@@ -87,9 +89,25 @@ def _good(rig: Rig) -> list[str]:
         worst = max(rig.cameras, key=lambda camera: rig.position_sigma(camera.name))
         sentences.append(
             f"Every camera's position is known to {length(rig.position_sigma(worst.name))} or better "
-            f"(worst: {worst.name}), one sigma."
+            f"(worst: {worst.name}), one sigma of one direction."
         )
+    if np.isfinite(rig.point_accuracy):
+        sentences.append(
+            f"A single point is placed to {length(rig.point_accuracy)}, the noise of its own pixels included; all "
+            f"lengths together are right to {100 * rig.scale_sigma:.2g} %, as the sizes of the sheets are known."
+        )
+    sentences += [sentence for placed in rig.rectangles if (sentence := _bowed(placed))]
     return sentences
+
+
+def _bowed(placed: PlacedRectangle) -> str:
+    """That a sheet is not flat, where its Views show it; else an empty string."""
+    if placed.shape is None:
+        return ""
+    height, sigma = placed.shape.off_plane(placed.rectangle)
+    if not height > _BOWED * sigma:
+        return ""
+    return f"{placed.name} is not flat: it spans {1e3 * height:.1f} ± {1e3 * sigma:.1f} mm; this is reckoned with."
 
 
 def _overfitted(rig: Rig, factor: float) -> bool:

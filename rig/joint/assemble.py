@@ -5,16 +5,19 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from quadrig.rig.adjustment.normal_equations import LENS, residual_squares
+from quadrig.rig.adjustment.systematic_errors import sheet_values
 from quadrig.rig.adjustment.twist_jacobians import step_by_camera_twist, step_by_left_twist
 from quadrig.rig.doubt.student import student_widening
 from quadrig.rig.doubt.weaknesses import weaknesses
-from quadrig.rig.doubt.working_accuracy import covered_points, working_accuracy
+from quadrig.rig.doubt.working_accuracy import accuracy_of, covered_points
 from quadrig.rig.joint.cross_validation import cross_validate
 from quadrig.rig.joint.stages import Joint
+from quadrig.rig.joint.view_errors import view_error_variances
 from quadrig.rig.joint.widened import widened_covariance, with_weak_focals
 from quadrig.rig.problem.build import Problem
 from quadrig.rig.problem.camera_input import CameraInput
 from quadrig.rig.result import CAMERA_PARAMETERS, Camera, PlacedRectangle, Rig, ViewFit
+from quadrig.rig.sheet_shape import SheetShape
 from quadrig.rig.start.pose_graph import FirstRig
 from quadrig.single.arrays import Floats, Ints, Mask
 from quadrig.single.lens import LENS_PARAMETERS, Intrinsics, project
@@ -85,7 +88,8 @@ def camera_covariance(joint: Joint, reduced: Floats) -> Floats:
 
 
 def node_covariances(joint: Joint) -> Floats:
-    """Covariance (N, 6, 6) of every rectangle pose: its own Views' doubt, and what the cameras pass on to it."""
+    """Covariance (N, 6, 6) of every rectangle pose: its own Views' doubt, and what the cameras and
+    the sheet's own shape pass on to it."""
     tables, normal, reduced = joint.adjustment.layout, joint.adjustment.normal, joint.reduced
     cameras, size = reduced.free.shape
     passed = reduced.node_inverse[tables.pair_node] @ np.swapaxes(normal.pairs, -1, -2)
@@ -97,6 +101,7 @@ def node_covariances(joint: Joint) -> Floats:
     np.add.at(result, tables.pair_node[left], term)
     off = left != right
     np.add.at(result, tables.pair_node[left][off], np.swapaxes(term[off], -1, -2))
+    result += joint.bordered.by_node @ np.swapaxes(joint.bordered.by_node, -1, -2)
     step_by_twist = step_by_left_twist(joint.adjustment.state.rig_from_rect)
     return step_by_twist @ result @ np.swapaxes(step_by_twist, -1, -2)
 
@@ -109,21 +114,23 @@ def rectangles_of(problem: Problem, joint: Joint, widening: float = 1.0) -> tupl
     poses, covariances = joint.predicted.rig_from_rect, node_covariances(joint) * widening
     placed_nodes = {int(n) for n in np.unique(joint.observations.node[~joint.inliers.rejected])}
     world = next((i for i, node in enumerate(problem.nodes) if node.rectangle == ""), None)
-    placed = []
+    names, placed = list(problem.rectangles), []
     for name, rectangle in problem.rectangles.items():
+        shape = SheetShape(*sheet_values(joint.bordered.values, joint.bordered.covariance, names, name))
         if rectangle.world_from_rect is not None:
             if world in placed_nodes and world is not None:
                 pose = poses[world] @ rectangle.world_from_rect
-                placed.append(PlacedRectangle(rectangle, pose, covariances[world]))
+                placed.append(PlacedRectangle(rectangle, pose, covariances[world], shape=shape))
             continue
         own = [i for i, node in enumerate(problem.nodes) if node.rectangle == name and i in placed_nodes]
         if not own:
             continue
         if rectangle.moving:
             framesets = np.array([problem.nodes[i].frameset for i in own])
-            placed.append(PlacedRectangle(rectangle, poses[np.array(own)], covariances[np.array(own)], framesets))
+            at = np.array(own)
+            placed.append(PlacedRectangle(rectangle, poses[at], covariances[at], framesets, shape))
         else:
-            placed.append(PlacedRectangle(rectangle, poses[own[0]], covariances[own[0]]))
+            placed.append(PlacedRectangle(rectangle, poses[own[0]], covariances[own[0]], shape=shape))
     return tuple(placed)
 
 
@@ -238,13 +245,15 @@ def assemble_rig(
     """The Rig of a joint adjustment, cameras in the given order of names. covariance: as Rig.covariance has it."""
     fit, without = squares_of(problem, joint), cross_validate(problem, joint)
     held_out = _predicted(without.squares, fit)
-    widened = with_weak_focals(joint, widened_covariance(joint, without.widening))
+    view_errors = view_error_variances(problem, joint)
+    widened = joint.bordered.with_errors(widened_covariance(joint, without.widening, view_errors))
+    widened = with_weak_focals(joint, widened)
     student = student_widening(joint.freedom)
     covariance = student * (covariance + camera_covariance(joint, widened - joint.covariance))
     widening = student * float(without.widening.mean())
     cameras = with_figures(cameras_of(problem, joint), fit, held_out, covariance)
     rectangles = rectangles_of(problem, joint, widening)
-    accuracy = working_accuracy(cameras, covariance, covered_points(rectangles))
+    accuracy = accuracy_of(cameras, covariance, covered_points(rectangles), joint.noise)
     rows = [index for name in order for index, camera in enumerate(cameras) if camera.name == name]
     rig = Rig(
         reference,
@@ -255,7 +264,9 @@ def assemble_rig(
         joint.noise,
         fit.rms(),
         held_out.rms(),
-        accuracy,
+        accuracy.working,
+        accuracy.single,
+        accuracy.scale,
         costs=joint.costs,
         dispersion=float(without.widening.mean()),
     )

@@ -16,12 +16,18 @@ def shown_nodes(used: Observations) -> Mask:
 
 
 def residual_sum(
-    adjustment: Adjustment, used: Observations, free: FreeParameters, noise: float, covariance: Floats
+    adjustment: Adjustment,
+    used: Observations,
+    free: FreeParameters,
+    noise: float,
+    covariance: Floats,
+    held_errors: float,
 ) -> tuple[float, float]:
     """Sum of the weighted squared residuals (px^2) of a fit made with that noise, and its degrees of freedom, where
-    parameters that a prior holds count for less than one. covariance (C M, C M): of the cameras, for that noise."""
+    parameters that a prior holds count for less than one. covariance (C M, C M): of the cameras, for that noise;
+    held_errors: how many unknowns the systematic errors count for."""
     chi_square = adjustment.linearised.cost * noise**2
-    unknowns = 6.0 * int((shown_nodes(used) & free.node).sum()) + 6 * int(free.pose.sum())
+    unknowns = 6.0 * int((shown_nodes(used) & free.node).sum()) + 6 * int(free.pose.sum()) + held_errors
     unknowns += float(free.lens.sum() - (free.information * lens_covariances(adjustment, covariance)).sum())
     if adjustment.eliminated is not None and free.slack is not None:
         loose = free.slack.loose

@@ -4,13 +4,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from quadrig.rig.adjustment.bordered import Bordered, solve_bordered
 from quadrig.rig.adjustment.levenberg_marquardt import (
     Adjustment,
     FreeParameters,
     adjust,
     lens_covariances,
     undamped,
-    with_noise,
 )
 from quadrig.rig.adjustment.normal_equations import Layout, State, layout, residual_squares
 from quadrig.rig.adjustment.outliers import EXPECTED_WEIGHT, Inliers, first_noise, noise_of
@@ -23,6 +23,7 @@ from quadrig.rig.adjustment.priors import (
     weighed_priors,
 )
 from quadrig.rig.adjustment.schur import Reduced, reduced_inverse
+from quadrig.rig.adjustment.systematic_errors import SystematicErrors, systematic_errors
 from quadrig.rig.joint.residual_noise import residual_sum, shown_nodes
 from quadrig.rig.joint.time_errors import (
     fit_time_errors,
@@ -48,8 +49,12 @@ _MOST_STEPS = 25
 # degrees off, and its residuals some ten times the noise.
 _ROBUST_STEPS = 12
 _WIDER = (20.0, 5.0)
+# Noise that changes by less than this (log) changes no sigma in its third digit.
+_SETTLED_NOISE = 1e-3
 # Probabilities of classes of lenses that change by less than this move no figure by a hundredth of its sigma.
 _SAME_CLASSES = 0.0005
+# A step of sheets' shapes and tones that lowers chi-square by less moves no figure by a thousandth of its sigma.
+_SAME_ERRORS = 1e-5
 # Rounds of rejecting and taking back corners: the second rarely changes anything.
 _ROUNDS = 5
 
@@ -73,8 +78,9 @@ class Contradicted:
 class Joint:
     """The end of the joint adjustment.
 
-    observations carry the final weights; inliers says what was rejected. freedom: the degrees of freedom that noise
-    (px) rests on. covariance (C M, C M) over the columns of the adjustment and the twists of camera_from_rig.
+    observations carry the final weights, errors of the final values (U,) taken off; inliers says what was rejected.
+    freedom: the degrees of freedom that noise (px) rests on. covariance (C M, C M) over the columns of the
+    adjustment and the twists of camera_from_rig, without the doubt of the systematic errors; bordered adds that.
     predicted: the state whose rectangle poses fit the pictures best with no View straying: what the rig says of them,
     and what residuals are measured from.
     """
@@ -90,6 +96,9 @@ class Joint:
     priors: LensPriors
     costs: tuple[float, ...]
     predicted: State
+    errors: SystematicErrors
+    values: Floats
+    bordered: Bordered
 
 
 @dataclass(frozen=True, eq=False)
@@ -210,46 +219,82 @@ def _weighed(
 def _least_squares_stage(
     problem: Problem, observations: Observations, fit: _Fit, priors: LensPriors
 ) -> Joint | Contradicted:
-    """Least squares until the inliers and the weights of the classes of lenses stay the same, and the covariance."""
+    """Least squares until inliers, systematic errors and the weights of the classes of lenses stay the same, and the
+    covariance."""
     free, inliers, noise, costs = fit.free, fit.inliers, fit.noise, fit.adjustment.costs
-    state, used, before = fit.adjustment.state, observations.with_weights(inliers.weights), noise
+    errors = systematic_errors(problem, observations)
+    values, seen = np.zeros(len(errors.information)), observations
+    state, used = fit.adjustment.state, observations.with_weights(inliers.weights)
     rounds = 0
     while True:
         rounds += 1
         found = adjust(used, state, free, noise, most_steps=_MOST_STEPS, tables=fit.adjustment.layout)
-        state, costs, before = found.state, costs + found.costs, noise
-        covariance = reduced_inverse(undamped(found, free))
-        noise = noise_of(*residual_sum(found, used, free, noise, covariance), problem.expected_noise)
-        again = inliers_of(observations, found.linearised.squares, state, free, noise)
-        kinds = priors.kinds
-        priors, free = _weighed(problem, priors, free, found, covariance)
-        same = again.same_points(inliers) and np.abs(priors.kinds - kinds).max() < _SAME_CLASSES
-        if same or rounds == _ROUNDS:
+        end, before, kinds = _end(errors, values, used, found, free, noise), noise, priors.kinds
+        costs, noise = costs + found.costs, noise_of(*end.residuals, problem.expected_noise)
+        again = inliers_of(seen, found.linearised.squares, found.state, free, noise)
+        priors, free = _weighed(problem, priors, free, found, end.covariance)
+        state, values = end.bordered.state, end.bordered.values
+        seen = errors.corrected(observations, values)
+        same = abs(np.log(noise / before)) < _SETTLED_NOISE and np.abs(priors.kinds - kinds).max() < _SAME_CLASSES
+        if (same and again.same_points(inliers) and end.bordered.fall < _SAME_ERRORS) or rounds == _ROUNDS:
             break
-        inliers, used = again, observations.with_weights(again.weights)
+        inliers, used = again, seen.with_weights(again.weights)
         contradicted = _contradicted(problem, observations, inliers)
         if contradicted:
             return contradicted
-    # Noise and classes of lenses depend on one another, not on the steps that led here.
-    found = _at_noise(used, found, free, before, noise)
-    covariance, before = reduced_inverse(undamped(found, free)), noise
-    noise = noise_of(*residual_sum(found, used, free, noise, covariance), problem.expected_noise)
-    priors, free = _weighed(problem, priors, free, found, covariance)
-    adjustment = _at_noise(used, found, free, before, noise)
-    reduced = undamped(adjustment, free)
-    covariance = reduced_inverse(reduced)
-    chi_square, freedom = residual_sum(adjustment, used, free, noise, covariance)
-    noise = noise_of(chi_square, freedom, problem.expected_noise)
+    used = seen.with_weights(inliers.weights)
+    adjustment = adjust(used, state, free, noise, most_steps=_MOST_STEPS, tables=fit.adjustment.layout)
+    end = _end(errors, values, used, adjustment, free, noise)
+    noise = noise_of(*end.residuals, problem.expected_noise)
     predicted = without_slack(used, adjustment.state, free, noise)
-    freedom = max(freedom, 0.0) + EXPECTED_WEIGHT
-    return Joint(adjustment, used, free, inliers, noise, freedom, covariance, reduced, priors, costs, predicted)
+    freedom = max(end.residuals[1], 0.0) + EXPECTED_WEIGHT
+    return Joint(
+        adjustment,
+        used,
+        free,
+        inliers,
+        noise,
+        freedom,
+        end.firm,
+        end.reduced,
+        priors,
+        costs,
+        predicted,
+        errors,
+        values,
+        end.bordered,
+    )
 
 
-def _at_noise(used: Observations, found: Adjustment, free: FreeParameters, before: float, after: float) -> Adjustment:
-    """The minimum for another noise and the priors of `free`: the same, but for what priors and slack hold."""
-    if found.state.slack is not None:
-        return adjust(used, found.state, free, after, tables=found.layout, most_steps=10)
-    return with_noise(found, used, free, before, after)
+@dataclass(frozen=True, eq=False)
+class _End:
+    """The end of an adjustment, its reduced system, and what the systematic errors add to it.
+
+    firm, covariance (C M, C M): of the cameras without and with the errors' doubt. residuals: as residual_sum has it.
+    """
+
+    adjustment: Adjustment
+    reduced: Reduced
+    firm: Floats
+    bordered: Bordered
+    covariance: Floats
+    residuals: tuple[float, float]
+
+
+def _end(
+    errors: SystematicErrors,
+    values: Floats,
+    used: Observations,
+    found: Adjustment,
+    free: FreeParameters,
+    noise: float,
+) -> _End:
+    reduced = undamped(found, free)
+    firm = reduced_inverse(reduced)
+    bordered = solve_bordered(errors, values, used, found, free, noise, reduced, firm)
+    covariance = bordered.with_errors(firm)
+    residuals = residual_sum(found, used, free, noise, covariance, bordered.effective)
+    return _End(found, reduced, firm, bordered, covariance, residuals)
 
 
 def _contradicted(problem: Problem, observations: Observations, inliers: Inliers) -> Contradicted | None:

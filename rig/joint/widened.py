@@ -1,38 +1,60 @@
-"""The covariance of the cameras where the noise of each camera's pictures is its own."""
+"""The covariance of the cameras where the noise of each camera's pictures, and of each View, is its own."""
+
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from quadrig.rig.adjustment.levenberg_marquardt import Adjustment, FreeParameters
 from quadrig.rig.adjustment.normal_equations import normal_equations
-from quadrig.rig.adjustment.schur import block_matrix
+from quadrig.rig.adjustment.schur import Reduced, block_matrix
 from quadrig.rig.joint.stages import Joint
+from quadrig.rig.problem.observations import Observations
 from quadrig.single.arrays import Floats
 
+if TYPE_CHECKING:
+    import scipy.sparse
 
-def widened_covariance(joint: Joint, widening: Floats) -> Floats:
+
+def widened_covariance(joint: Joint, widening: Floats, view_errors: Floats) -> Floats:
     """Covariance (C M, C M) of the least-squares solution where the variance of camera c's pixels is widening[c] (C,)
-    times what the fit took it for: C V C, with C the fit's covariance and V that of its reduced gradient.
+    times what the fit took it for, and each View has an error of its own, of variances view_errors (V, 6): C V C,
+    with C the fit's covariance and V that of its reduced gradient.
 
     Wherever the rig frame stands, relative poses are as sure. What priors hold stays as sure as they are.
     """
-    if np.ptp(widening) == 0 and widening[0] == 1:
+    if (widening == 1).all() and not view_errors.any():
         return joint.covariance
-    adjustment, observations = joint.adjustment, joint.observations
-    tables, columns = adjustment.layout, len(adjustment.columns)
-    gram = adjustment.linearised.gram if adjustment.eliminated is None else adjustment.eliminated.gram
-    noisy = normal_equations(
-        observations, tables, adjustment.state, gram * widening[observations.camera][:, None, None]
+    gradient = gradient_covariance(
+        joint.observations, joint.adjustment, joint.free, joint.reduced, widening, view_errors
     )
-    through = adjustment.normal.pairs @ joint.reduced.node_inverse[tables.pair_node]
+    result = joint.covariance @ (gradient @ joint.covariance)
+    return (result + result.T) / 2
+
+
+def gradient_covariance(
+    observations: Observations,
+    found: Adjustment,
+    free: FreeParameters,
+    reduced: Reduced,
+    widening: Floats,
+    view_errors: Floats,
+) -> "Floats | scipy.sparse.csr_array":
+    """Covariance (C M, C M) of the reduced gradient at the end of an adjustment, for such noise and errors."""
+    tables, columns = found.layout, len(found.columns)
+    gram = found.linearised.gram if found.eliminated is None else found.eliminated.gram
+    step = gram[:, columns : columns + 6]
+    spread = gram * widening[observations.camera][:, None, None]
+    spread = spread + np.swapaxes(step, 1, 2) @ (view_errors[:, :, None] * step)
+    noisy = normal_equations(observations, tables, found.state, spread)
+    through = found.normal.pairs @ reduced.node_inverse[tables.pair_node]
     left, right = tables.meeting_left, tables.meeting_right
     back = np.swapaxes(through[right], -1, -2)
     met = through[left] @ (noisy.nodes[tables.pair_node[left]] @ back - np.swapaxes(noisy.pairs[right], -1, -2))
     blocks = tables.meeting_by_block(met - noisy.pairs[left] @ back)
     own = noisy.cameras
-    own[:, :columns, :columns] += joint.free.information[:, adjustment.columns[:, None], adjustment.columns]
+    own[:, :columns, :columns] += free.information[:, found.columns[:, None], found.columns]
     blocks[tables.diagonal] += own[tables.block_left[tables.diagonal]]
-    spread = block_matrix(blocks, tables.block_left, tables.block_right, observations.cameras)
-    result = joint.covariance @ (spread @ joint.covariance)
-    return (result + result.T) / 2
+    return block_matrix(blocks, tables.block_left, tables.block_right, observations.cameras)
 
 
 def with_weak_focals(joint: Joint, covariance: Floats) -> Floats:

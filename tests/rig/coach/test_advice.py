@@ -7,7 +7,7 @@ import pytest
 
 from quadrig.rig.coach.advice import Situation, advise, best_placement, connected, reached
 from quadrig.rig.coach.next_view import Placements, accuracy_weight, expected_drop, imagine, planning_points, seen
-from quadrig.rig.doubt.working_accuracy import working_accuracy
+from quadrig.rig.doubt.working_accuracy import accuracy_of
 from quadrig.rig.result import Camera, PlacedRectangle, Rig
 from quadrig.rig.words import length
 from quadrig.single.lens import LENS_PARAMETERS, Intrinsics, LensModel
@@ -118,7 +118,7 @@ def rig_that_saw(cameras, poses, rectangle=SHEET):
     covariance = covariance_of_all(cameras, batch, points, sees[kept], NOISE * factor)
     placed = PlacedRectangle(rectangle, batch, np.zeros((len(batch.translation), 6, 6)), np.flatnonzero(kept))
     volume = batch[:, None].transform(rectangle.corners).reshape(-1, 3)
-    accuracy = working_accuracy(cameras, covariance, volume)
+    accuracy = accuracy_of(cameras, covariance, volume, 0.0).working
     return Rig("cam0", cameras, (placed,), covariance, noise=NOISE, working_accuracy=accuracy)
 
 
@@ -239,8 +239,8 @@ def test_the_ghost_can_be_seen_and_brings_what_is_promised():
     better = rig_that_saw(cameras, [*poses, advice.ghost])
     random = [rig_that_saw(cameras, [*poses, waved(rng, cameras, middle)]) for _ in range(20)]
     volume = middle + rng.uniform(-0.4, 0.4, (40, 3))
-    after = working_accuracy(cameras, better.covariance, volume)
-    waving = [working_accuracy(cameras, r.covariance, volume) for r in random]
+    after = accuracy_of(cameras, better.covariance, volume, 0.0).working
+    waving = [accuracy_of(cameras, r.covariance, volume, 0.0).working for r in random]
     assert after < np.median(waving)
 
 

@@ -44,14 +44,16 @@ def test_it_is_a_covariance(board_rig):
 
 
 def test_it_scales_with_the_noise(simulated):
-    """The lens is told, so that the same numbers are estimated; the same draw of noise, thrice as large."""
+    """The lens is told, so that the same numbers are estimated, and the sizes of the sheets, which no noise makes
+    unsure; the same draw of noise, thrice as large."""
     quiet = simulated.simulate(15, simulated.Scene(cameras=3, framesets=16, noise=0.15, principal=0.0))
     loud = simulated.simulate(15, simulated.Scene(cameras=3, framesets=16, noise=0.45, principal=0.0))
     assert len(quiet.views) == len(loud.views)
     rigs = []
     for made in (quiet, loud):
         inputs = [replace(c, lens="f k1 k2") for c in made.inputs]
-        rigs.append(calibrate(inputs, made.rectangles, made.views))
+        known = [replace(rectangle, scale_sigma=1e-9) for rectangle in made.rectangles]
+        rigs.append(calibrate(inputs, known, made.views))
     np.testing.assert_allclose(figures(rigs[1]) / figures(rigs[0]), 3.0, rtol=0.05)
     assert rigs[1].working_accuracy / rigs[0].working_accuracy == pytest.approx(3, rel=0.05)
 

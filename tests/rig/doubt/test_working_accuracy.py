@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from quadrig.rig.doubt.information import triangulation_derivatives, visible
-from quadrig.rig.doubt.working_accuracy import covered_points, working_accuracy
+from quadrig.rig.doubt.working_accuracy import accuracy_of, covered_points
 from quadrig.single.pose import Pose
 
 
@@ -49,10 +49,11 @@ def triangulated(cameras, pixels, sees, start):
 
 
 def brought_back(points, truth):
-    """Points moved rigidly onto the truth as near as they come (Kabsch)."""
+    """Points moved, turned and scaled onto the truth as near as they come (Umeyama)."""
     middle = points.mean(0)
-    u, _, vt = np.linalg.svd((points - middle).T @ (truth - truth.mean(0)))
-    return (points - middle) @ (u * [1, 1, np.linalg.det(u @ vt)]) @ vt + truth.mean(0)
+    u, values, vt = np.linalg.svd((points - middle).T @ (truth - truth.mean(0)))
+    scale = values.sum() / ((points - middle) ** 2).sum()
+    return scale * (points - middle) @ (u * [1, 1, np.linalg.det(u @ vt)]) @ vt + truth.mean(0)
 
 
 @pytest.fixture(scope="module")
@@ -107,12 +108,12 @@ def test_a_rigid_motion_of_the_whole_rig_is_no_doubt_of_its_shape(board_rig):
         motion[start + 3 : start + 6, 3:] = np.eye(3)
     common = motion @ np.diag([0.01, 0.02, 0.01, 0.1, 0.2, 0.1]) ** 2 @ motion.T
     points = covered_points(rig.rectangles)
-    assert working_accuracy(rig.cameras, common, points) < 1e-9
-    both = working_accuracy(rig.cameras, rig.covariance + common, points)
+    assert accuracy_of(rig.cameras, common, points, 0.0).working < 1e-9
+    both = accuracy_of(rig.cameras, rig.covariance + common, points, 0.0).working
     assert both == pytest.approx(rig.working_accuracy, rel=1e-6)
 
 
 def test_points_that_one_camera_sees_cannot_be_triangulated(board_rig):
     _, rig = board_rig
     behind = Pose.identity().transform(np.array([[0.0, 0.0, -5.0], [0.1, 0, -5], [0, 0.1, -5]]))
-    assert np.isnan(working_accuracy(rig.cameras, rig.covariance, behind))
+    assert np.isnan(accuracy_of(rig.cameras, rig.covariance, behind, 1.0).working)
