@@ -47,6 +47,8 @@ _FREEDOMS = 6
 _POWER = 0.95
 # A test that finds nothing below this share of the distance of what was seen (or this angle, rad) decides nothing.
 _DECIDES_NOTHING = 0.05
+# Of focal, size of picture, and coefficients (a tenth of it for tangential ones): more than lenses of others are off.
+_LOOSE = 0.05
 # Chi-square by which one explanation must beat another to be named alone: odds of ninety to one.
 _AMBIGUOUS = 9.0
 
@@ -80,11 +82,14 @@ def find_moved(
 
     false_alarms: the chance that any camera of a rig that did not move is called moved. Rectangles may have been put
     elsewhere; a motion of all cameras together is not seen. Where several moved, the one that explains most is found
-    first and the others are tested without it. Raises QuadrigError where false_alarms is no chance.
+    first and the others are tested without it. Of a rig that does not know its doubt no camera can be told: the
+    answers hold shifts with the sigma of the new Views alone. Raises QuadrigError where false_alarms is no chance.
     """
     names = [camera.name for camera in rig.cameras]
     if not 0 < false_alarms < 1:
         raise QuadrigError(f"a chance of false alarms of {false_alarms} is none; give a number between 0 and 1")
+    if not rig.is_doubt_known:
+        return tuple(map(_untested, find_moved(_with_loose_lenses(rig), rectangles, views, false_alarms)))
     problem = _problem(rig, rectangles, views)
     groups = [group for group in components(problem) if len(group) > 1]
     if not groups:
@@ -97,6 +102,29 @@ def find_moved(
     tests = _greedy(_evidence(rig, joined), len(largest), false_alarms)
     answers = {test.name: test for test in tests}
     return tuple(answers.get(n) or CameraMove(n, "cannot tell", why=_why_not(n, problem)) for n in names)
+
+
+def _with_loose_lenses(rig: Rig) -> Rig:
+    """The rig with lenses that are hardly known, so that none of their doubt is missed, and poses as it has them."""
+    of_lens = [
+        _LOOSE * np.array([one.intrinsics.focal, *[one.intrinsics.width] * 2, 1, 1, 0.1, 0.1, 1, 1])
+        for one in rig.cameras
+    ]
+    sigmas = np.concatenate([np.concatenate([sigma, np.zeros(6)]) for sigma in of_lens])
+    free = tuple(replace(camera, free_lens=LENS_PARAMETERS) for camera in rig.cameras)
+    return replace(rig, cameras=free, covariance=np.diag(sigmas**2))
+
+
+def _untested(move: CameraMove) -> CameraMove:
+    """What is left of an answer where the rig does not know its doubt: where the new Views have the camera."""
+    if not np.isfinite(move.shift):
+        return move
+    why = (
+        f"the rig does not say how sure it is; the new Views have it {length(move.shift)} ± "
+        f"{length(move.shift_sigma)} from there"
+    )
+    nothing = float("nan")
+    return replace(move, state="cannot tell", chance=nothing, found=nothing, instead=(), why=why)
 
 
 def _problem(rig: Rig, rectangles: Sequence[Rectangle], views: Sequence[View]) -> Problem:

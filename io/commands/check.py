@@ -2,14 +2,18 @@
 
 import sys
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
 import numpy as np
 import typer
 
+from quadrig.io.config.rig_toml import read_config
+from quadrig.io.formats.any_file import read_any_rig
 from quadrig.io.formats.rig_json import json_text
-from quadrig.io.rig_file.rig_mcap import read_rig_file
+from quadrig.io.recording.mcap_reader import is_mcap
+from quadrig.io.rig_file.rig_mcap import RigFile, read_rig_file
 from quadrig.io.search.later_recording import views_of
 from quadrig.rig.doubt.verdict import out_of_step
 from quadrig.rig.moved import CameraMove, find_moved
@@ -21,12 +25,15 @@ MOVED = 3
 
 
 def check(
-    rig: Annotated[Path, typer.Argument(help="The rig as it was calibrated.", metavar="RIG.mcap")],
+    rig: Annotated[Path, typer.Argument(help="The rig as it was: a rig.mcap, or any format that is read.")],
     recording: Annotated[list[Path], typer.Argument(help="A new recording with rectangles in view.")],
     false_alarms: Annotated[
         float, typer.Option(min=1e-9, max=0.5, help="Chance of an alarm on a rig that did not move.")
     ] = 0.01,
     framesets: Annotated[int, typer.Option(min=1, help="Search at most this many framesets.")] = 120,
+    config: Annotated[
+        Path | None, typer.Option("--config", "-c", help="The rig.toml, where the rig's file holds no rectangles.")
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="The answers as JSON.")] = False,
 ) -> None:
     """Find out from a new recording whether a camera has moved since the rig was calibrated.
@@ -36,7 +43,9 @@ def check(
 
     Example: rig check rig.mcap tonight.mcap --json
     """
-    held = read_rig_file(rig)
+    held = read_rig_file(rig) if is_mcap(rig) else RigFile(read_any_rig(rig))
+    if config is not None:
+        held = replace(held, config_text=read_config(config).text)
     rectangles, views = views_of(held, recording, framesets)
     moves = find_moved(held.rig, rectangles, views, false_alarms)
     if out_of_step(held.rig):

@@ -32,6 +32,8 @@ def views_of(held: RigFile, paths: Sequence[Path], most: int) -> tuple[tuple[Rec
         config = parse_config(held.config_text, "the rig.toml in the rig file")
         rectangles = {one.name: one for one in config.rectangles} | rectangles
         names = {camera.topic: camera.name for camera in config.cameras if camera.topic is not None}
+    if not rectangles:
+        raise QuadrigError("the rig's file holds no rectangles to look for; give their rig.toml with --config")
     recording = open_recording(paths)
     recording = replace(recording, cameras=_cameras_of_rig(recording, held.rig, names))
     every = build_framesets(recording)

@@ -149,6 +149,23 @@ def test_lenses_without_doubt_are_taken_as_they_are(simulated, room):
     assert [move.name for move in moves if move.state == "moved"] == ["cam2"]
 
 
+def test_a_rig_without_doubt_is_measured_and_not_judged(simulated, room):
+    """As one from another program's file: what the new Views say stands beside their own sigma."""
+    made, rig = room
+    unknown = replace(
+        rig, covariance=np.full_like(rig.covariance, np.nan),
+        cameras=tuple(replace(camera, free_lens=()) for camera in rig.cameras), fits=(),
+    )  # fmt: skip
+    step = np.array([0.004, -0.006, 0.003, 0.010, -0.012, 0.015])
+    poses = simulated.moved_poses(made, rig.reference, 2, step)
+    moves = find_moved(unknown, made.rectangles, views_again(simulated, made, 9, poses=poses))
+    assert {move.state for move in moves} == {"cannot tell"}
+    assert all("does not say how sure" in move.why for move in moves)
+    assert all(np.isnan(move.chance) for move in moves)
+    assert abs(moves[2].shift - np.linalg.norm(step[3:])) < 4 * moves[2].shift_sigma
+    assert moves[2].shift_sigma < np.linalg.norm(step[3:])
+
+
 def floor_rig(folder, turn_sigma, place_sigma, focal_sigma):
     """The authors' rig of GoPros with sigmas that a good calibration has, and Views of the square on the floor."""
     import bz2

@@ -7,20 +7,23 @@ import numpy as np
 import pytest
 
 from quadrig.io.commands.main import run
+from quadrig.io.formats.registry import export_files
 from quadrig.io.rig_file.rig_mcap import write_rig
 from quadrig.rig.moved import find_moved
 
 
 @pytest.fixture
-def looked(monkeypatch):
+def looked(monkeypatch, example):
     """Lets Views stand for a recording, so that a check needs no pictures."""
     from quadrig.io.commands import check as check_command
+
+    rectangles = tuple(placed.rectangle for placed in example[0].rectangles)
 
     def with_views(views):
         monkeypatch.setattr(
             check_command,
             "views_of",
-            lambda held, _paths, _most: (tuple(placed.rectangle for placed in held.rig.rectangles), list(views)),
+            lambda _held, _paths, _most: (rectangles, list(views)),
         )
 
     return with_views
@@ -49,6 +52,22 @@ def new_views(example, moved=None):
 def rig_path(example_rig, tmp_path):
     write_rig(tmp_path / "rig.mcap", example_rig)
     return tmp_path / "rig.mcap"
+
+
+def test_a_rig_of_another_program_is_measured_and_not_judged(example, looked, tmp_path, capsys):
+    rig = example[0]
+    (tmp_path / "rig.yml").write_text(str(export_files(rig, "opencv")["rig.yml"]))
+    looked(new_views(example))
+    assert run(["check", str(tmp_path / "rig.yml"), "night.mcap"]) == 1
+    said = capsys.readouterr()
+    assert said.out.count("cannot tell: the rig does not say how sure it is") == len(rig.cameras)
+    assert "cannot be determined" in said.err
+
+
+def test_rectangles_that_the_file_does_not_hold_are_asked_for(example_rig, tmp_path, capsys):
+    (tmp_path / "rig.yml").write_text(str(export_files(example_rig, "opencv")["rig.yml"]))
+    assert run(["check", str(tmp_path / "rig.yml"), str(tmp_path)]) == 1
+    assert "--config" in capsys.readouterr().err
 
 
 def test_an_unmoved_rig_leaves_with_zero(example, rig_path, looked, capsys):
