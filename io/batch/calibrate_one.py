@@ -26,13 +26,14 @@ class CalibrateOne:
     all_cameras: bool = False
     keep: bool = True
     corners: tuple[PointedCorners, ...] = ()
+    rate: float | None = None
 
     def __call__(self, job: FleetJob) -> str:
         """Calibrates one recording and writes its rig. Raises QuadrigError as `rig calibrate` does."""
         config = replace(parse_config(self.config_text), corners=self.corners)
         # Every process has one recording: it searches by itself and shows no bar of its own.
         cache = detections_beside(job.output) if self.keep else None
-        effort = Effort(self.tolerance, self.share, workers=1, cache=cache, progress=False)
+        effort = Effort(self.tolerance, self.share, workers=1, cache=cache, progress=False, rate=self.rate)
         searched = search_recording(job.recording, config, effort)
         rig = calibrate_searched(searched)
         if self.all_cameras:

@@ -36,6 +36,9 @@ def calibrate(
         bool, typer.Option("--all-cameras", help="Fail, and write no rig, where a camera cannot be placed.")
     ] = False,
     tolerance: Annotated[float | None, typer.Option(help="Most that stamps of one instant differ, seconds.")] = None,
+    rate: Annotated[
+        float | None, typer.Option(help="Pictures a second, where image files carry no time of their own.")
+    ] = None,
     share: Annotated[
         float, typer.Option(min=0.0, max=1.0, help="Search only this share of the framesets, the best ones.")
     ] = 1.0,
@@ -76,7 +79,13 @@ def calibrate(
         raise QuadrigError(f"--cache does not go with {other}; leave one of them out")
     if each:
         calibrate_one = CalibrateOne(
-            described.text, tolerance, share, all_cameras, keep=not no_cache, corners=described.corners
+            described.text,
+            tolerance,
+            share,
+            all_cameras,
+            keep=not no_cache,
+            corners=described.corners,
+            rate=rate,
         )
         _calibrate_each(recording, output, calibrate_one, workers, dask, again)
         return
@@ -86,7 +95,7 @@ def calibrate(
     if not no_cache:
         cache = cache or detections_beside(output)
     earlier = read_rig(before) if before is not None else None
-    searched = search_recording(recording, described, Effort(tolerance, share, workers, cache))
+    searched = search_recording(recording, described, Effort(tolerance, share, workers, cache, rate=rate))
     for note in searched.notes:
         print(f"note: {note}", file=sys.stderr)
     try:

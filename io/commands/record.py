@@ -1,13 +1,18 @@
 """`rig record`: videos and folders of images into one MCAP recording."""
 
+import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from quadrig.io.recording.convert import ImageFormat, MessageFormat, with_timestamps
+from quadrig.io.recording.camera import RecordedCamera
+from quadrig.io.recording.convert import ImageFormat, MessageFormat
 from quadrig.io.recording.convert import record as write_recording
-from quadrig.io.recording.recorded_cameras import RecordedCamera, camera_of_pattern, camera_of_source, open_recording
+from quadrig.io.recording.picture_times import with_times, without_times
+from quadrig.io.recording.recorded_cameras import camera_of_pattern, open_recording
+from quadrig.io.recording.time_table import with_timestamps
 from quadrig.single.errors import QuadrigError
 
 
@@ -18,10 +23,15 @@ def record(
     output: Annotated[Path, typer.Option("--output", "-o", help="The recording to write.")] = Path("recording.mcap"),
     camera: Annotated[
         list[str] | None,
-        typer.Option(help="A camera by name: NAME=VIDEO, NAME=FOLDER or NAME='PATTERN*.jpg'; may be repeated."),
+        typer.Option(
+            help="A camera by name: NAME=VIDEO, NAME=FOLDER, NAME=PICTURE or NAME='PATTERN*.jpg'; repeatable."
+        ),
     ] = None,
     timestamps: Annotated[
-        Path | None, typer.Option(help="CSV with cam_id, frame_index and frame_time in seconds.")
+        Path | None, typer.Option(help="CSV whose header names camera, frame_index and time (or timestamp_ns).")
+    ] = None,
+    rate: Annotated[
+        float | None, typer.Option(help="Pictures a second, where image files carry no time of their own.")
     ] = None,
     messages: Annotated[MessageFormat, typer.Option("--format", help="Messages: foxglove or ros2.")] = "foxglove",
     images: Annotated[
@@ -37,8 +47,14 @@ def record(
     Examples: rig record cam0.mp4 cam1.mp4 -o room.mcap;
     rig record --camera left='left*.jpg' --camera right='right*.jpg' -o stereo.mcap
     """
-    cameras = list(open_recording(inputs).cameras) if inputs else []
-    cameras += [_named_camera(given) for given in camera or []]
+    notes: list[str] = []
+    cameras: list[RecordedCamera] = []
+    if inputs:
+        # A table replaces whatever times there are.
+        opened = open_recording(inputs, rate=rate if timestamps is None else 1.0)
+        cameras, notes = list(opened.cameras), list(opened.notes)
+    if camera:
+        cameras = [without_times(one) for one in cameras] + [_named_camera(given, notes) for given in camera]
     if not cameras:
         raise QuadrigError("nothing to record; name videos or folders of images, or give --camera NAME=PATTERN")
     names = [one.name for one in cameras]
@@ -47,6 +63,13 @@ def record(
         raise QuadrigError(f"two cameras are called {twice!r}; name them with --camera NAME=VIDEO")
     if timestamps is not None:
         cameras = with_timestamps(cameras, timestamps)
+    elif camera:
+        cameras = with_times(cameras, rate, notes)
+    untimed = [one.name for one in cameras if not one.source.timed and one.frames > 1]
+    if untimed:
+        notes.append(f"{', '.join(untimed)}: written as one picture a second, for want of a time; give --rate")
+    for note in dict.fromkeys(notes):
+        print(f"note: {note}", file=sys.stderr)
     done = write_recording(cameras, output, messages, images, quality)
     for one in cameras:
         print(
@@ -57,14 +80,14 @@ def record(
     print(f"{output}: {done.bytes / 1e6:.1f} MB")
 
 
-def _named_camera(given: str) -> RecordedCamera:
+def _named_camera(given: str, notes: list[str]) -> RecordedCamera:
     name, equals, where = given.partition("=")
     if not (name and equals and where):
-        raise QuadrigError(f"--camera {given}: give NAME=VIDEO, NAME=FOLDER or NAME='PATTERN*.jpg'")
-    if Path(where).exists():
-        found = open_recording([Path(where)]).cameras
-        if len(found) != 1:
-            raise QuadrigError(f"--camera {given}: there are {len(found)} cameras in {where}; give one")
-        return camera_of_source(name, found[0].topic, found[0].source)
-    folder, pattern = Path(where).parent, Path(where).name
-    return camera_of_pattern(name, folder, pattern)
+        raise QuadrigError(f"--camera {given}: give NAME=VIDEO, NAME=FOLDER, NAME=PICTURE or NAME='PATTERN*.jpg'")
+    if not Path(where).exists():
+        return camera_of_pattern(name, Path(where).parent, Path(where).name, notes)
+    opened = open_recording([Path(where)])
+    if len(opened.cameras) != 1:
+        raise QuadrigError(f"--camera {given}: there are {len(opened.cameras)} cameras in {where}; give one")
+    notes += opened.notes
+    return replace(without_times(opened.cameras[0]), name=name)

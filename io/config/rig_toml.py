@@ -30,6 +30,9 @@ _SIDE_TOLERANCE = 1e-3
 # A quaternion typed with four decimals is a unit one to this much; beyond it, a number is wrong.
 _UNIT_TOLERANCE = 1e-2
 
+# Of OpenCV's 4, 5, 8, 12 or 14 those that lenses here have.
+_COEFFICIENTS = 5
+
 Length = Annotated[float, msgspec.Meta(gt=0)]
 Name = Annotated[str, msgspec.Meta(min_length=1)]
 
@@ -62,7 +65,7 @@ class _Camera(_Table):
     source: int | str | None = None
     focal: Length | None = None
     principal_point: tuple[float, float] | None = None
-    distortion: Annotated[list[float], msgspec.Meta(max_length=5)] | None = None
+    distortion: Annotated[list[float], msgspec.Meta(max_length=14)] | None = None
     aspect: Length = 1.0
     model: LensModel = "pinhole"
     fixed: bool = False
@@ -256,13 +259,21 @@ def _camera(table: _Camera, index: int, text: str, name: str) -> CameraConfig:
             f"{locate(name, text, f'$.camera[{index}]')}: camera {table.name!r} has prior intrinsics without focal; "
             "give focal in pixels, or leave principal_point, distortion and fixed out"
         )
+    distortion = tuple(table.distortion or ())
+    if any(distortion[_COEFFICIENTS:]):
+        raise QuadrigError(
+            f"{locate(name, text, f'$.camera[{index}]', 'distortion')}: camera {table.name!r} has {len(distortion)} "
+            f"coefficients, but the lenses here have the first {_COEFFICIENTS} of OpenCV (k1 k2 p1 p2 k3): those "
+            "behind must be zero; calibrate it without CALIB_RATIONAL_MODEL, CALIB_THIN_PRISM_MODEL and "
+            "CALIB_TILTED_MODEL, or give its focal alone as a first guess"
+        )
     return CameraConfig(
         table.name,
         table.topic,
         table.source,
         table.focal,
         table.principal_point,
-        tuple(table.distortion or ()),
+        distortion[:_COEFFICIENTS],
         table.aspect,
         table.model,
         table.fixed,

@@ -7,7 +7,7 @@ import numpy as np
 import yaml
 
 from quadrig.io.formats.format import Files, Held, Options, camera_matrix, lens_of, pose_of
-from quadrig.io.recording.recorded_cameras import camera_name
+from quadrig.io.recording.camera import camera_name
 from quadrig.rig.result import Camera, Rig
 from quadrig.single.arrays import Mask
 from quadrig.single.errors import QuadrigError

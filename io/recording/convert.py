@@ -1,9 +1,8 @@
 """Turn videos and folders of images into an MCAP recording that any tool opens."""
 
-import csv
 import heapq
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO, Literal
 
@@ -11,19 +10,17 @@ import cv2
 import numpy as np
 
 from quadrig.io.progress import progress_bar
+from quadrig.io.recording.camera import RecordedCamera
 from quadrig.io.recording.image_folder import ImageFiles
 from quadrig.io.recording.image_message import ROS2_DEFINITIONS
 from quadrig.io.recording.image_source import Stamped
-from quadrig.io.recording.recorded_cameras import RecordedCamera
 from quadrig.io.topic_writer import TopicWriter
 from quadrig.io.whole_file import written_beside
 from quadrig.single.arrays import Picture
-from quadrig.single.errors import QuadrigError
 
 MessageFormat = Literal["foxglove", "ros2"]
 ImageFormat = Literal["jpeg", "png"]
 
-_COLUMNS = ("cam_id", "frame_index", "frame_time")
 # Files of these kinds go into the recording as they are, to the last bit.
 _COPIED = {"jpg": "jpeg", "jpeg": "jpeg", "png": "png"}
 # PNG's first level is three times faster than its default and 5 % larger on photographs.
@@ -73,35 +70,6 @@ def record(
                 size += len(data)
         finish()
     return Recorded(counts, size, unreadable, encoded)
-
-
-def with_timestamps(cameras: Sequence[RecordedCamera], table: Path) -> list[RecordedCamera]:
-    """The cameras with the time stamps of a CSV with columns cam_id, frame_index and frame_time (seconds).
-
-    A cam_id is a camera's name, or the number that its name ends with. Rows are matched to images by frame_index
-    where it counts from 0, else in its order. Raises QuadrigError where table and cameras do not fit together.
-    """
-    rows = _read_table(table)
-    result = []
-    for camera in cameras:
-        mine = rows.get(_table_name(camera.name, rows))
-        if not mine:
-            known = ", ".join(rows)
-            raise QuadrigError(f"{table}: no rows for camera {camera.name!r}; it has cam_id {known}")
-        result.append(_with_stamps(camera, sorted(mine), table))
-    return result
-
-
-def _with_stamps(camera: RecordedCamera, rows: list[tuple[int, int]], table: Path) -> RecordedCamera:
-    indices, stamps = (np.array(column, np.int64) for column in zip(*rows, strict=True))
-    if len(rows) == camera.frames:
-        indices = np.arange(camera.frames)
-    elif indices[0] < 0 or indices[-1] >= camera.frames or np.any(np.diff(indices) == 0):
-        raise QuadrigError(
-            f"{table}: camera {camera.name!r} has {camera.frames} images but {len(rows)} rows, up to frame_index "
-            f"{indices[-1]}; give the table of these videos"
-        )
-    return replace(camera, source=Stamped(camera.source.part(indices), stamps))
 
 
 def _encoded(
@@ -164,40 +132,3 @@ def image_writer(stream: BinaryIO, messages: MessageFormat) -> tuple[Write, Call
 
 def _topic(camera: str) -> str:
     return f"/{camera}/image_raw/compressed"
-
-
-def _read_table(table: Path) -> dict[str, list[tuple[int, int]]]:
-    """Frame index and time (ns) of each row, by cam_id."""
-    rows: dict[str, list[tuple[int, int]]] = {}
-    try:
-        with table.open(newline="", encoding="utf-8-sig") as stream:
-            reader = csv.DictReader(stream)
-            missing = [column for column in _COLUMNS if column not in (reader.fieldnames or [])]
-            if missing:
-                raise QuadrigError(f"{table}: no column {missing[0]}; it needs {', '.join(_COLUMNS)}")
-            for row in reader:
-                entry = int(row["frame_index"]), _nanoseconds(row["frame_time"])
-                rows.setdefault(row["cam_id"].strip(), []).append(entry)
-    except (ValueError, TypeError, AttributeError) as error:
-        raise QuadrigError(f"{table}: a row is not numbers ({error}); give whole rows") from error
-    except OSError as error:
-        raise QuadrigError(f"{table}: cannot be read ({error.strerror}); give a table of time stamps") from error
-    return rows
-
-
-def _nanoseconds(seconds: str) -> int:
-    """Whole nanoseconds: a float of seconds since 1970 would lose all below 0.2 microseconds."""
-    from decimal import Decimal, InvalidOperation
-
-    try:
-        return int(Decimal(seconds.strip()).scaleb(9))
-    except InvalidOperation as error:
-        raise ValueError(f"{seconds!r} is no time") from error
-
-
-def _table_name(camera: str, rows: Mapping[str, Any]) -> str:
-    """The cam_id of a camera: its name, or the number that its name ends with."""
-    if camera in rows:
-        return camera
-    digits = camera[len(camera.rstrip("0123456789")) :]
-    return next((one for one in rows if digits and one.isdigit() and int(one) == int(digits)), "")

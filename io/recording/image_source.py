@@ -22,6 +22,11 @@ class ImageSource(Protocol):
         """How the images are stored: jpeg, png, bgr8, h264..."""
         ...
 
+    @property
+    def timed(self) -> bool:
+        """Whether a clock gave the stamps, not the order of files."""
+        ...
+
     def stamps(self) -> Ints:
         """Time of each image (N,) int64 ns: the message's own stamp, else the time of its recording."""
         ...
@@ -57,6 +62,7 @@ class McapImages:
 
     messages: McapMessages
     encoding: str
+    timed: bool = True
 
     def __len__(self) -> int:
         return len(self.messages)
@@ -93,6 +99,7 @@ class Stamped:
 
     source: ImageSource
     given: Ints
+    timed: bool = True
 
     def __len__(self) -> int:
         return len(self.source)
@@ -112,7 +119,7 @@ class Stamped:
 
     def part(self, indices: Ints) -> "Stamped":
         """As ImageSource has it."""
-        return Stamped(self.source.part(indices), self.given[indices])
+        return Stamped(self.source.part(indices), self.given[indices], self.timed)
 
     def images(self, gray: bool = True, shrink: int = 1) -> Iterator[Picture | None]:
         """As ImageSource has it."""

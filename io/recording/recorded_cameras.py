@@ -2,56 +2,27 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 
-from quadrig.io.recording.decode_image import decode_image, is_depth
-from quadrig.io.recording.image_folder import IMAGE_SUFFIXES, folder_images, image_files, one_image, read_image_folder
-from quadrig.io.recording.image_message import holds_images, holds_lenses, holds_video, read_lens
-from quadrig.io.recording.image_source import ImageSource, McapImages
-from quadrig.io.recording.mcap_messages import McapMessages
-from quadrig.io.recording.mcap_reader import McapIndex, TopicMessages, index_mcap
-from quadrig.io.recording.video import VIDEO_SUFFIXES, McapVideo, read_video
-from quadrig.single.arrays import Ints, Picture
+from quadrig.io.recording.camera import RecordedCamera, camera_name, camera_of_source
+from quadrig.io.recording.image_folder import (
+    IMAGE_SUFFIXES,
+    ImageFiles,
+    folder_images,
+    image_files,
+    one_image,
+    pattern_images,
+    read_image_folder,
+)
+from quadrig.io.recording.image_message import holds_images
+from quadrig.io.recording.mcap_reader import index_mcap
+from quadrig.io.recording.picture_times import with_times
+from quadrig.io.recording.topic_cameras import cameras_of_mcaps
+from quadrig.io.recording.video import VIDEO_SUFFIXES, read_video
+from quadrig.single.arrays import Picture
 from quadrig.single.errors import QuadrigError
-from quadrig.single.lens import Intrinsics
-
-_NAME_WORDS = ("image_raw", "image", "compressed", "camera_info")
-# A broken first image or two happen when a recording is started; more in a row are no stream of images.
-_FIRST_IMAGES = 5
-
-
-@dataclass(frozen=True, eq=False)
-class RecordedCamera:
-    """One camera of a recording.
-
-    topic: of an MCAP recording, else the path of the video or folder. width, height: px, of its first image.
-    prior: the lens that the recording brings along, if any. frames: how many images it has.
-    """
-
-    name: str
-    topic: str
-    width: int
-    height: int
-    source: ImageSource
-    prior: Intrinsics | None = None
-
-    @property
-    def frames(self) -> int:
-        """How many images there are."""
-        return len(self.source)
-
-    @property
-    def encoding(self) -> str:
-        """How the images are stored: jpeg, png, bgr8, h264..."""
-        return self.source.encoding
-
-    @cached_property
-    def stamps(self) -> Ints:
-        """Time of each image (F,) int64 ns."""
-        return self.source.stamps()
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,27 +56,41 @@ class Recording:
 
 
 def open_recording(
-    paths: Sequence[Path | str] | Path | str, topics: Mapping[str, str | None] | None = None
+    paths: Sequence[Path | str] | Path | str,
+    topics: Mapping[str, str | None] | None = None,
+    rate: float | None = None,
 ) -> Recording:
     """Open MCAP files (parts of one recording), videos, folders of images and single images as one recording.
 
+    A path with {camera} in it is a pattern of image files, such as pictures/camera_{camera}_*.jpg.
     topics: the cameras wanted, by name, each with its topic (or the path of its video or folder), or None where the
-    name says it; without any, every image topic, video and folder is a camera.
+    name says it; without any, every image topic, video and folder is a camera. rate: pictures a second of cameras
+    whose image files carry no time.
     Raises QuadrigError where a path cannot be read, a wanted camera is missing or nothing is a camera.
     """
     given = [Path(path) for path in ([paths] if isinstance(paths, str | Path) else paths)]
     if not given:
         raise QuadrigError("no recording given; name an MCAP file, videos or folders of images")
-    parts = [part for path in given for part in _expand(path)]
-    files = [part for part in parts if part.is_dir() or part.suffix.lower() in VIDEO_SUFFIXES | IMAGE_SUFFIXES]
-    cameras = [_camera_of_files(path) for path in files]
     notes: list[str] = []
-    indexes = [index_mcap(path) for path in parts if path not in files]
+    cameras, files, mcaps = [], [], []
+    for path in given:
+        if _is_pattern(path):
+            found = cameras_of_pattern(path, notes)
+            cameras += found
+            files += [file for camera in found for file in _picture_files(camera)]
+            continue
+        for part in _expand(path):
+            if part.is_dir() or part.suffix.lower() in VIDEO_SUFFIXES | IMAGE_SUFFIXES:
+                cameras.append(_camera_of_files(part, notes))
+                files.append(part)
+            else:
+                mcaps.append(part)
+    indexes = [index_mcap(path) for path in mcaps]
     for index in indexes:
         if index.note:
             notes.append(f"{index.path}: {index.note}; what is whole is used")
-    found, others = _cameras_of_mcaps(indexes, topics or {}, notes)
-    chosen = _choose([*found, *cameras], topics or {}, given, notes)
+    of_topics, others = cameras_of_mcaps(indexes, topics or {}, notes)
+    chosen = with_times(_choose([*of_topics, *cameras], topics or {}, given, notes), rate, notes)
     indexed = all(index.indexed for index in indexes)
     files += [index.path for index in indexes if any(holds_images(one.encoding, one.schema) for one in index.topics)]
     return Recording(tuple(given), tuple(files), tuple(chosen), tuple(notes), indexed, others)
@@ -114,17 +99,6 @@ def open_recording(
 def is_result(path: Path) -> bool:
     """Whether a file's name is that of a rig or of kept detections, which often lie beside recordings."""
     return path.name == "rig.mcap" or path.name.endswith((".rig.mcap", ".detections.mcap"))
-
-
-def camera_name(topic: str) -> str:
-    """A camera's name: its topic without the trailing image_raw, image, compressed, camera_info words.
-
-    /cam0/image_raw/compressed is cam0; where nothing else is left the camera is called camera.
-    """
-    words = [word for word in topic.split("/") if word]
-    while words and words[-1] in _NAME_WORDS:
-        words.pop()
-    return "/".join(words) or "camera"
 
 
 def _expand(path: Path) -> list[Path]:
@@ -145,9 +119,9 @@ def _expand(path: Path) -> list[Path]:
     return parts
 
 
-def _camera_of_files(path: Path) -> RecordedCamera:
+def _camera_of_files(path: Path, notes: list[str]) -> RecordedCamera:
     if path.is_dir():
-        source, name = read_image_folder(path), path.name
+        source, name = read_image_folder(path, notes), path.name
     elif path.suffix.lower() in IMAGE_SUFFIXES:
         source, name = one_image(path), path.stem
     else:
@@ -155,91 +129,32 @@ def _camera_of_files(path: Path) -> RecordedCamera:
     return camera_of_source(name, str(path), source)
 
 
-def camera_of_source(name: str, topic: str, source: ImageSource) -> RecordedCamera:
-    """A camera from where its images are. Raises QuadrigError where none of the first can be read."""
-    first = source.part(np.arange(min(_FIRST_IMAGES, len(source))))
-    image = next((image for image in first.images() if image is not None), None)
-    if image is None:
-        raise QuadrigError(f"{topic}: none of its first images can be read; is it a recording of images?")
-    return RecordedCamera(name, topic, image.shape[1], image.shape[0], source)
+def _is_pattern(path: Path) -> bool:
+    return "{camera}" in str(path) and not path.exists()
 
 
-def camera_of_pattern(name: str, folder: Path, pattern: str) -> RecordedCamera:
+def cameras_of_pattern(pattern: Path, notes: list[str]) -> list[RecordedCamera]:
+    """The cameras of a pattern with {camera} in it; notes: as image_files has it. Raises QuadrigError without any."""
+    found = pattern_images(pattern)
+    if not found:
+        raise QuadrigError(f"{pattern}: no image file matches; {{camera}} stands for a camera's name, * for the rest")
+    where = str(pattern)
+    return [
+        camera_of_source(name, where.replace("{camera}", name), image_files(paths, f"camera {name!r}", notes))
+        for name, paths in found.items()
+    ]
+
+
+def camera_of_pattern(name: str, folder: Path, pattern: str, notes: list[str]) -> RecordedCamera:
     """A camera from the image files that match a pattern, such as left*.jpg. Raises QuadrigError where none do."""
     paths = [path for path in folder.glob(pattern) if path.suffix.lower() in IMAGE_SUFFIXES]
     if not paths:
         raise QuadrigError(f"{folder / pattern}: no image file matches; check the pattern of camera {name!r}")
-    return camera_of_source(name, str(folder / pattern), image_files(paths))
+    return camera_of_source(name, str(folder / pattern), image_files(paths, f"camera {name!r}", notes))
 
 
-def _cameras_of_mcaps(
-    indexes: Sequence[McapIndex], wanted: Mapping[str, str | None], notes: list[str]
-) -> tuple[list[RecordedCamera], tuple[tuple[str, str, int], ...]]:
-    """Cameras of the image topics, and the other topics: name, schema, messages."""
-    groups: dict[str, list[TopicMessages]] = {}
-    others: dict[str, tuple[str, str, int]] = {}
-    priors: dict[str, TopicMessages] = {}
-    for topic in (topic for index in indexes for topic in index.topics):
-        if holds_images(topic.encoding, topic.schema) and len(topic):
-            groups.setdefault(topic.topic, []).append(topic)
-            continue
-        if holds_lenses(topic.encoding, topic.schema) and len(topic):
-            priors.setdefault(camera_name(topic.topic), topic)
-        _, _, before = others.get(topic.topic, ("", "", 0))
-        others[topic.topic] = (topic.topic, topic.schema or topic.encoding, before + len(topic))
-    cameras = []
-    asked = {topic for topic in wanted.values() if topic}
-    for name, topics in sorted(groups.items()):
-        camera = _camera_of_topic(name, topics, name in asked, notes)
-        if camera is None:
-            others[name] = (name, topics[0].schema, sum(len(topic) for topic in topics))
-        else:
-            cameras.append(_with_prior(camera, priors, notes))
-    return cameras, tuple(others[name] for name in sorted(others))
-
-
-def _camera_of_topic(
-    name: str, topics: Sequence[TopicMessages], asked: bool, notes: list[str]
-) -> RecordedCamera | None:
-    messages = McapMessages.of(topics)
-    reason = "there are none"
-    with messages.opened() as opened:
-        for index in range(min(_FIRST_IMAGES, len(messages))):
-            try:
-                coded = opened.image(index)
-                if is_depth(coded.encoding) and not asked:
-                    notes.append(f"topic {name} holds depths ({coded.encoding}), not images, and is not used")
-                    return None
-                if holds_video(messages.schema):
-                    return camera_of_source(camera_name(name), name, McapVideo(messages, coded.encoding))
-                height, width = decode_image(coded).shape
-            except ValueError as error:
-                reason = str(error)
-                continue
-            return RecordedCamera(camera_name(name), name, width, height, McapImages(messages, coded.encoding))
-    notes.append(f"topic {name} is not used: its images cannot be read ({reason})")
-    return None
-
-
-def _with_prior(camera: RecordedCamera, priors: Mapping[str, TopicMessages], notes: list[str]) -> RecordedCamera:
-    topic = priors.get(camera.name)
-    if topic is None:
-        return camera
-    try:
-        with McapMessages.of([topic]).opened() as opened:
-            lens, remark = read_lens(topic.encoding, topic.schema, opened.data(0))
-    except ValueError:
-        notes.append(f"topic {topic.topic} cannot be read; camera {camera.name!r} has no lens to begin with")
-        return camera
-    if remark:
-        notes.append(f"camera {camera.name!r}: {remark}")
-    if lens is not None and (lens.width, lens.height) != (camera.width, camera.height):
-        notes.append(
-            f"camera {camera.name!r}: {topic.topic} is for {lens.width}x{lens.height} images, its images are "
-            f"{camera.width}x{camera.height}; the lens is not used"
-        )
-        return camera
-    return camera if lens is None else replace(camera, prior=lens)
+def _picture_files(camera: RecordedCamera) -> tuple[Path, ...]:
+    return camera.source.paths if isinstance(camera.source, ImageFiles) else ()
 
 
 def _choose(
@@ -260,6 +175,10 @@ def _choose(
             what = f"topic {topic}" if topic else "topic"
             raise QuadrigError(f"{where}: no {what} for camera {name!r}; the images are on {there}")
         chosen.append(replace(_one_of_each_name(fits, notes)[0], name=name))
+    used = {camera_name(camera.topic) for camera in chosen} | {camera.topic for camera in chosen}
+    left = {camera.name for camera in cameras if camera.name not in used and camera.topic not in used}
+    if left:
+        notes.append(f"not asked for, and left out: {', '.join(sorted(left))}; name them in a [[camera]] to use them")
     return chosen
 
 

@@ -1,7 +1,7 @@
 """Videos as a camera's recording: files (mp4, avi, mkv...) and CompressedVideo topics, through PyAV."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from types import ModuleType
@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from quadrig.io.recording.decode_image import shrunk
+from quadrig.io.recording.limits import most_pixels, too_many_pixels
 from quadrig.io.recording.mcap_messages import McapMessages, OpenMessages
 from quadrig.single.arrays import Ints, Picture
 from quadrig.single.errors import QuadrigError
@@ -42,7 +43,7 @@ class VideoFile:
     """Frames of a video file. times (N,): presentation times in units of time_base seconds, rising.
 
     keys (K,): indices of the frames at which decoding can begin. counted: the file carries no times, so that
-    frames are counted from its start.
+    frames are counted from its start; timed: by the rate that it names, else by a second each.
     """
 
     path: Path
@@ -51,6 +52,7 @@ class VideoFile:
     time_base: float
     keys: Ints
     counted: bool = False
+    timed: bool = True
 
     def __len__(self) -> int:
         return len(self.times)
@@ -67,7 +69,7 @@ class VideoFile:
         """As ImageSource has it."""
         # Where to begin is found by time, so the part needs no key frames of its own.
         none = np.zeros(0, np.int64)
-        return VideoFile(self.path, self.encoding, self.times[indices], self.time_base, none, self.counted)
+        return replace(self, times=self.times[indices], keys=none)
 
     def images(self, gray: bool = True, shrink: int = 1) -> Iterator[Picture | None]:
         """As ImageSource has it."""
@@ -86,6 +88,7 @@ class VideoFile:
             with av.open(str(self.path)) as container:
                 stream = container.streams.video[0]
                 stream.codec_context.thread_count = 1
+                stream.codec_context.options = {"max_pixels": str(most_pixels())}
                 if not self.counted and len(self) and self.times[0] > 0:
                     container.seek(int(self.times[0]), stream=stream, backward=True)
                 for count, frame in enumerate(container.decode(stream)):
@@ -101,6 +104,7 @@ class McapVideo:
     messages: McapMessages
     encoding: str
     wanted: Ints | None = field(default=None)
+    timed: bool = True
 
     def __len__(self) -> int:
         return len(self.messages) if self.wanted is None else len(self.wanted)
@@ -150,6 +154,7 @@ class McapVideo:
         av = import_av()
         decoder = av.CodecContext.create(_CODECS.get(self.encoding, self.encoding), "r")
         decoder.thread_count = 1
+        decoder.options = {"max_pixels": str(most_pixels())}
         with self.messages.opened() as opened:
             for index in range(len(self.messages)):
                 packet = av.Packet(opened.image(index).data)
@@ -169,6 +174,8 @@ def read_video(path: Path) -> VideoFile:
             if not container.streams.video:
                 raise QuadrigError(f"{path}: no video in this file; give a recording of a camera")
             stream = container.streams.video[0]
+            if refused := too_many_pixels(stream.codec_context.width, stream.codec_context.height):
+                raise QuadrigError(f"{path}: its pictures of {refused}")
             packets = [(p.pts, p.dts, p.is_keyframe) for p in container.demux(stream) if p.size]
             name, base = stream.codec_context.name, stream.time_base
             rate = stream.average_rate
@@ -177,9 +184,8 @@ def read_video(path: Path) -> VideoFile:
     if not packets:
         raise QuadrigError(f"{path}: this video has no frames; was its recording cut off?")
     if base is None or any(pts is None for pts, _, _ in packets):
-        return VideoFile(
-            path, name, np.arange(len(packets)), float(1 / rate) if rate else 1.0, np.zeros(1, int), counted=True
-        )
+        period, first = float(1 / rate) if rate else 1.0, np.zeros(1, np.int64)
+        return VideoFile(path, name, np.arange(len(packets)), period, first, counted=True, timed=bool(rate))
     times = np.array([pts for pts, _, _ in packets], np.int64)
     order = np.argsort(times, kind="stable")
     keys = np.flatnonzero(np.array([key for _, _, key in packets])[order])

@@ -6,8 +6,9 @@ import numpy as np
 
 from quadrig.io.config.corners_toml import CORNER_NAMES, PointedCorners, refuse_incomplete
 from quadrig.io.config.rig_toml import RigConfig
+from quadrig.io.recording.camera import RecordedCamera
 from quadrig.io.recording.framesets import Framesets
-from quadrig.io.recording.recorded_cameras import RecordedCamera, Recording
+from quadrig.io.recording.recorded_cameras import Recording
 from quadrig.single.errors import QuadrigError
 from quadrig.single.view import View
 
@@ -36,7 +37,7 @@ def corner_view(pointed: PointedCorners, recording: Recording, framesets: Frames
         camera.name,
         frameset,
         sigma=pointed.sigma,
-        time=(stamp - int(framesets.times[0])) / 1e9,
+        time=(stamp - int(framesets.times[0])) / 1e9 if camera.source.timed else float("nan"),
     )
 
 

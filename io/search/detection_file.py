@@ -11,9 +11,10 @@ from typing import Any, BinaryIO
 import msgspec
 import numpy as np
 
+from quadrig.io.recording.camera import RecordedCamera
 from quadrig.io.recording.image_folder import folder_images
 from quadrig.io.recording.mcap_reader import McapBytes, index_mcap
-from quadrig.io.recording.recorded_cameras import RecordedCamera, Recording
+from quadrig.io.recording.recorded_cameras import Recording
 from quadrig.io.rig_file.view_record import ViewRecord, recorded_view, view_record
 from quadrig.io.topic_writer import TopicWriter
 from quadrig.single.arrays import Ints

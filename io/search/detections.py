@@ -143,13 +143,14 @@ def _search(
 
 
 def _in_order(recording: Recording, framesets: Framesets, found: Found) -> list[View]:
-    """Views by frameset, with the time of their image in seconds since the first frameset."""
+    """Views by frameset, with the time of their image in seconds since the first frameset; nan without a clock."""
     stamps = {camera.name: camera.stamps for camera in recording.cameras}
+    timed = {camera.name for camera in recording.cameras if camera.source.timed}
     views = []
     for column, camera in enumerate(framesets.cameras):
         sets, images = framesets.of_camera(camera)
         for frameset, image in zip(sets.tolist(), images.tolist(), strict=True):
-            time = (int(stamps[camera][image]) - int(framesets.times[0])) / 1e9
+            time = (int(stamps[camera][image]) - int(framesets.times[0])) / 1e9 if camera in timed else float("nan")
             for view in found.get((camera, image)) or ():
                 views.append((frameset, column, replace(view, camera=camera, frameset=frameset, time=time)))
     return [view for _, _, view in sorted(views, key=lambda entry: entry[:2])]

@@ -9,6 +9,7 @@ from pathlib import Path
 class Effort:
     """How a recording is searched.
 
+    rate: pictures a second of image files that carry no time; None where not known.
     tolerance: s, the most that stamps of one instant differ; None as build_framesets has it. share: of the
     framesets that are searched, chosen by a quick look at all; 1 searches all. workers: processes; None as many as
     there are processors. cache: an MCAP that keeps what was found: images that it has are not searched again.
@@ -21,6 +22,7 @@ class Effort:
     cache: Path | None = None
     progress: bool = True
     executor: Executor | None = None
+    rate: float | None = None
 
 
 EVERY_IMAGE = Effort()

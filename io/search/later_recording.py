@@ -7,8 +7,9 @@ from pathlib import Path
 import numpy as np
 
 from quadrig.io.config.rig_toml import parse_config
+from quadrig.io.recording.camera import RecordedCamera
 from quadrig.io.recording.framesets import build_framesets
-from quadrig.io.recording.recorded_cameras import RecordedCamera, Recording, open_recording
+from quadrig.io.recording.recorded_cameras import Recording, open_recording
 from quadrig.io.rig_file.rig_mcap import RigFile
 from quadrig.io.search.detections import find_views
 from quadrig.rig.result import Rig

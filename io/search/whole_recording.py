@@ -73,8 +73,7 @@ def search_recording(
     Raises QuadrigError where there are no images, a camera of the rig.toml is missing, nothing can be read, or
     corners given by hand do not belong to this recording.
     """
-    wanted = {camera.name: camera.topic for camera in config.cameras}
-    recording = open_recording(paths, wanted or None)
+    recording = _opened(paths, config, effort.rate)
     every = build_framesets(recording, effort.tolerance)
     pointed = corner_views(config.corners, recording, every)
     framesets = choose_frames(recording, every, effort)
@@ -82,6 +81,27 @@ def search_recording(
     detections = find_detections(recording, framesets, sought, effort)
     detections = replace(detections, views=[*detections.views, *pointed])
     return Searched(config, recording, framesets, detections, tuple(camera_inputs(recording, config)))
+
+
+def _opened(paths: Sequence[Path | str] | Path | str, config: RigConfig, rate: float | None) -> Recording:
+    """The recording with the cameras of rig.toml.
+
+    Where a [[camera]] names its topic, the tables choose: the others are left out, which is said. Else the tables
+    only add what is known of a camera, and every camera of the recording is used.
+    """
+    wanted = {camera.name: camera.topic for camera in config.cameras}
+    if all(topic is None for topic in wanted.values()):
+        recording = open_recording(paths, rate=rate)
+        names = [camera.name for camera in recording.cameras]
+        missing = [name for name in wanted if name not in names]
+        if missing:
+            there = ", ".join(camera.topic for camera in recording.cameras)
+            where = ", ".join(str(path) for path in recording.paths)
+            raise QuadrigError(f"{where}: no topic for camera {missing[0]!r}; the images are on {there}")
+        more = [name for name in names if name not in wanted] if wanted else []
+        said = f"rig.toml has no [[camera]] for {', '.join(more)}: used all the same, with nothing known beforehand"
+        return replace(recording, notes=(*recording.notes, said)) if more else recording
+    return open_recording(paths, wanted, rate)
 
 
 def calibrate_searched(searched: Searched) -> Rig:

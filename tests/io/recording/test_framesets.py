@@ -5,10 +5,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from quadrig.io.recording.camera import RecordedCamera
 from quadrig.io.recording.framesets import NO_FRAME, build_framesets, match_stamps
 from quadrig.io.recording.image_folder import ImageFiles
 from quadrig.io.recording.image_source import Stamped
-from quadrig.io.recording.recorded_cameras import RecordedCamera, Recording
+from quadrig.io.recording.recorded_cameras import Recording
 from quadrig.single.errors import QuadrigError
 
 MILLISECOND = 10**6
@@ -18,7 +19,7 @@ def recording(**stamps: np.ndarray) -> Recording:
     """A recording without files; stamps in seconds."""
     cameras = []
     for name, times in stamps.items():
-        files = ImageFiles((Path("image.png"),) * len(times), np.arange(len(times)))
+        files = ImageFiles((Path("image.png"),) * len(times), np.arange(len(times)), np.zeros(len(times), int))
         stamped = Stamped(files, np.round(times * 1e9).astype(np.int64))
         cameras.append(RecordedCamera(name, name, 1, 1, stamped))
     return Recording((), (), tuple(cameras))

@@ -8,7 +8,8 @@ import cv2
 import numpy as np
 import pytest
 
-from quadrig.io.recording.recorded_cameras import camera_name, open_recording
+from quadrig.io.recording.camera import camera_name
+from quadrig.io.recording.recorded_cameras import open_recording
 from quadrig.single.errors import QuadrigError
 
 foxglove = pytest.importorskip("foxglove")
