@@ -83,6 +83,9 @@ def _in_metres(held: Held, unit: float | None, path: Path | str) -> dict[str, Po
     metres = unit if held.unit is None else held.unit
     if held.poses and metres is None:
         raise QuadrigError(f"{path}: nothing in it says the unit of lengths; `rig import` it with --unit m, cm or mm")
+    for name, pose in held.poses.items():
+        if not np.isfinite(pose.matrix()).all():
+            raise QuadrigError(f"{path}: the pose of {name!r} is not made of finite numbers; write the file again")
     return {name: replace(pose, translation=pose.translation * metres) for name, pose in held.poses.items()}
 
 
@@ -95,7 +98,8 @@ def _read(path: Path) -> Held:
     for name, form in FORMATS.items():
         if form.read is not None and form.recognises(path, head):
             try:
-                return form.read(path)
+                with np.errstate(all="ignore"):
+                    return form.read(path)
             except OSError as error:
                 raise QuadrigError(f"{path}: cannot be read ({error.strerror}); give another file") from error
             # Damage shows as whatever the parsers of YAML, JSON, TOML, XML and OpenCV stumble over.

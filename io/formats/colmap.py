@@ -10,12 +10,11 @@ from typing import BinaryIO
 
 import numpy as np
 
-from quadrig.io.formats.format import HALF_PIXEL, Files, Held, Options, camera_matrix, lens_of
+from quadrig.io.formats.format import HALF_PIXEL, Files, Held, Options, camera_matrix, lens_of, pose_of_quaternion
 from quadrig.rig.result import Camera, Rig
 from quadrig.single.errors import QuadrigError
 from quadrig.single.lens import Intrinsics, LensModel
 from quadrig.single.pose import Pose
-from quadrig.single.rotation import rotation_from_quaternion
 
 
 @dataclass(frozen=True)
@@ -186,7 +185,7 @@ def _lens_of(model: _Model, width: int, height: int, parameters: list[float], wh
 
 def _pose(seven: Sequence[float]) -> Pose:
     w, x, y, z, *translation = seven
-    return Pose(rotation_from_quaternion(np.array([x, y, z, w])), np.array(translation))
+    return pose_of_quaternion([x, y, z, w], translation, "an image or sensor")
 
 
 def _model(kind: int | str, path: Path) -> _Model:

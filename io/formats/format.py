@@ -4,15 +4,20 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import yaml
 
 from quadrig.rig.result import CAMERA_PARAMETERS, Camera, Rig
 from quadrig.single.arrays import Floats
 from quadrig.single.errors import QuadrigError
 from quadrig.single.lens import Intrinsics, LensModel
 from quadrig.single.pose import Pose
-from quadrig.single.rotation import nearest_rotation
+from quadrig.single.rotation import nearest_rotation, rotation_from_quaternion
+
+SAFE_LOADER: type = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+"""Libyaml's where PyYAML was built with it: eight times as quick."""
 
 Files = dict[str, str | bytes]
 
@@ -26,6 +31,8 @@ GRAPHICS = Pose(np.diag([1.0, -1.0, -1.0]), np.zeros(3))
 _ROTATION_TOLERANCE = 1e-3
 # Nearer than this to the identity a camera's frame is the rig's: the last digits of a matrix that was inverted.
 _SAME_FRAME = 1e-9
+# A thousand cameras with all their digits; YAML is read at a megabyte a second.
+_LARGEST_YAML = 4_000_000
 # Focal lengths and points of pictures that exist lie below this many pixels.
 _LARGEST = 1e6
 
@@ -92,6 +99,16 @@ def plain_names(names: Sequence[str]) -> list[str]:
     return taken
 
 
+def read_yaml(content: bytes, loader: type = SAFE_LOADER) -> dict[str, Any]:
+    """The mapping of a YAML file. Raises ValueError where it is none, or larger than any file of cameras."""
+    if len(content) > _LARGEST_YAML:
+        raise ValueError(f"{len(content)} bytes of YAML are no file of cameras")
+    values = yaml.load(content, loader)
+    if not isinstance(values, dict):
+        raise ValueError("it holds no mapping")
+    return values
+
+
 def lens_of(
     size: Sequence[float], matrix: Floats, distortion: Sequence[float], where: str, model: LensModel = "pinhole"
 ) -> Intrinsics:
@@ -149,6 +166,14 @@ def pose_of(matrix: Floats, where: str) -> Pose:
     if np.abs(rotation - matrix[:3, :3]).max() > _ROTATION_TOLERANCE:
         raise QuadrigError(f"{where}: the pose's 3 x 3 part is no rotation; write the file again")
     return Pose(rotation, matrix[:3, 3].copy())
+
+
+def pose_of_quaternion(xyzw: Sequence[float], translation: Sequence[float], where: str) -> Pose:
+    """The pose of a unit quaternion (x, y, z, w) and a translation. Raises QuadrigError where its length is not 1."""
+    quaternion = np.array(xyzw, float)
+    if not abs(np.linalg.norm(quaternion) - 1) < _ROTATION_TOLERANCE:
+        raise QuadrigError(f"{where}: a quaternion has the length {np.linalg.norm(quaternion):.3g}, not 1; mend it")
+    return Pose(rotation_from_quaternion(quaternion), np.array(translation, float))
 
 
 def rig_of(lenses: Mapping[str, Intrinsics], poses: Mapping[str, Pose], frame: str = "") -> Rig:

@@ -1,12 +1,27 @@
 """OpenCV's FileStorage: image size, camera matrix, distortion and pose of every camera."""
 
-from collections.abc import Sequence
+import json
+import re
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
+from yaml.constructor import SafeConstructor
 
-from quadrig.io.formats.format import Files, Held, Options, coefficients, lens_of, plain_names, pose_of
+from quadrig.io.formats.format import (
+    SAFE_LOADER,
+    Files,
+    Held,
+    Options,
+    coefficients,
+    lens_of,
+    plain_names,
+    pose_of,
+    read_yaml,
+)
 from quadrig.rig.result import Rig
 from quadrig.single.arrays import Floats
 from quadrig.single.errors import QuadrigError
@@ -15,6 +30,8 @@ from quadrig.single.lens import Intrinsics
 # What the samples and the programs that store a camera call its matrix and distortion.
 _MATRIX = ("camera_matrix", "cameraMatrix", "Camera_Matrix", "K")
 _DISTORTION = ("distortion", "distortion_coefficients", "Distortion_Coefficients", "dist_coeffs", "distCoeffs", "D")
+
+_QUOTE = "\ue000"
 
 
 def opencv_files(rig: Rig, options: Options, suffix: str = ".yml") -> Files:  # noqa: ARG001
@@ -48,40 +65,69 @@ def read_opencv(path: Path) -> Held:
     """Lenses and poses of our own files; or the one lens of a file with camera_matrix, distortion_coefficients and
     image_width, image_height (or image_size) at the top, named as the file. Raises QuadrigError where there are none.
     """
-    storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_READ)
-    try:
-        names = storage.getNode("camera_names")
-        if names.empty():
-            return Held({path.stem: _lens(storage, "", f"{path}")})
-        each = [names.at(index).string() for index in range(names.size())]
-        lenses, poses = {}, {}
-        for name, key in zip(each, plain_names(each), strict=True):
-            where = f"{path}: camera {name!r}"
-            lenses[name] = _lens(storage, f"{key}_", where)
-            poses[name] = pose_of(_matrix(storage, [f"{key}_rig_from_camera"], where), where)
-        return Held(lenses, poses, storage.getNode("rig_frame").string())
-    finally:
-        storage.release()
+    nodes = _nodes(path)
+    names = nodes.get("camera_names")
+    if names is None:
+        return Held({path.stem: _lens(nodes, "", f"{path}")})
+    names = [str(name) for name in names] if isinstance(names, list) else [str(names)]
+    lenses, poses = {}, {}
+    for name, key in zip(names, plain_names(names), strict=True):
+        where = f"{path}: camera {name!r}"
+        lenses[name] = _lens(nodes, f"{key}_", where)
+        poses[name] = pose_of(_numbers(nodes, [f"{key}_rig_from_camera"], where), where)
+    return Held(lenses, poses, str(nodes.get("rig_frame", "")))
 
 
-def _lens(storage: cv2.FileStorage, prefix: str, where: str) -> Intrinsics:
-    fisheye = storage.getNode(f"{prefix}model").string() == "fisheye" or bool(
-        storage.getNode(f"{prefix}fisheye_model").real()
-    )
-    size = [storage.getNode(f"{prefix}image_{side}").real() for side in ("width", "height")]
-    if not all(size):
-        size = _matrix(storage, [f"{prefix}image_size"], where).ravel()
-    matrix = _matrix(storage, [f"{prefix}{name}" for name in _MATRIX], where)
-    distortion = _matrix(storage, [f"{prefix}{name}" for name in _DISTORTION], where).ravel()
+def _lens(nodes: Mapping[str, Any], prefix: str, where: str) -> Intrinsics:
+    fisheye = nodes.get(f"{prefix}model") == "fisheye" or float(nodes.get(f"{prefix}fisheye_model", 0)) != 0
+    if f"{prefix}image_width" in nodes:
+        size = [float(nodes[f"{prefix}image_{side}"]) for side in ("width", "height")]
+    else:
+        size = _numbers(nodes, [f"{prefix}image_size"], where).ravel()
+    matrix = _numbers(nodes, [f"{prefix}{name}" for name in _MATRIX], where)
+    distortion = _numbers(nodes, [f"{prefix}{name}" for name in _DISTORTION], where).ravel()
     return lens_of(size, matrix, distortion, where, "fisheye" if fisheye else "pinhole")
 
 
-def _matrix(storage: cv2.FileStorage, keys: Sequence[str], where: str) -> Floats:
+def _numbers(nodes: Mapping[str, Any], keys: Sequence[str], where: str) -> Floats:
     """The matrix, or list of numbers, of the first of these keys that is there."""
     for key in keys:
-        node = storage.getNode(key)
-        if node.isSeq():
-            return np.array([node.at(index).real() for index in range(node.size())])
-        if not node.empty():
-            return np.asarray(node.mat(), float)
+        if key in nodes:
+            return _array(nodes[key])
     raise QuadrigError(f"{where}: there is no {keys[0]} in it; give an OpenCV file that has image size and lens")
+
+
+def _array(node: Any) -> Floats:
+    if isinstance(node, dict):
+        data = node["data"].split() if isinstance(node["data"], str) else node["data"]
+        return np.array(data, float).reshape(int(node["rows"]), int(node["cols"]))
+    return np.array(node, float)
+
+
+def _nodes(path: Path) -> dict[str, Any]:
+    """The nodes at the top of a file: matrices as dicts with rows, cols and data, all else as words, numbers, lists.
+
+    Not by cv2.FileStorage: a damaged file makes it write over memory that is not its own.
+    """
+    content = path.read_bytes()
+    if content.lstrip()[:1] == b"<":
+        # An escaped quote belongs to a word, a plain one ends it.
+        root = ElementTree.fromstring(content.replace(b"&quot;", _QUOTE.encode()))
+        return {node.tag: {each.tag: each.text for each in node} or _words(node.text or "") for node in root}
+    if content.lstrip()[:1] == b"{":
+        return json.loads(content)
+    # %YAML:1.0 is no directive of YAML's.
+    return read_yaml(content.split(b"\n", 1)[-1] if content.startswith(b"%") else content, _Loader)
+
+
+def _words(text: str) -> str | list[str]:
+    """The words of an XML node, in quotes where they hold blanks; a single one by itself."""
+    words = [(quoted or plain).replace(_QUOTE, '"') for quoted, plain in re.findall(r'"([^"]*)"|(\S+)', text)]
+    return words[0] if len(words) == 1 else words
+
+
+class _Loader(SAFE_LOADER):
+    """YAML with OpenCV's tag for matrices."""
+
+
+_Loader.add_constructor("tag:yaml.org,2002:opencv-matrix", SafeConstructor.construct_yaml_map)

@@ -14,13 +14,13 @@ import msgspec
 import numpy as np
 import yaml
 
-from quadrig.io.formats.format import Files, Held, Options, coefficients, lens_of
+from quadrig.io.formats.format import Files, Held, Options, coefficients, lens_of, pose_of_quaternion, read_yaml
 from quadrig.rig.result import Camera, Rig
 from quadrig.single.arrays import Floats
 from quadrig.single.errors import QuadrigError
 from quadrig.single.lens import LensModel
 from quadrig.single.pose import Pose
-from quadrig.single.rotation import rotation_from_quaternion, rotation_from_vector
+from quadrig.single.rotation import rotation_from_vector
 
 _LINK_FROM_OPTICAL = Pose(np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]]), np.zeros(3))
 _OPTICAL = ("_optical_frame", "_optical")
@@ -128,7 +128,7 @@ def is_camera_info(_path: Path, head: bytes) -> bool:
 
 def read_camera_info(path: Path) -> Held:
     """The lens of one camera, by its camera_name or the file's. Raises QuadrigError where its model is unknown."""
-    info = msgspec.convert(yaml.safe_load(path.read_bytes()), _CameraInfo, strict=False)
+    info = msgspec.convert(read_yaml(path.read_bytes()), _CameraInfo, strict=False)
     if info.distortion_model not in _MODELS:
         raise QuadrigError(f"{path}: the model is {info.distortion_model}; quadrig reads {', '.join(_MODELS)}")
     size, model = (info.image_width, info.image_height), _MODELS[info.distortion_model]
@@ -198,13 +198,14 @@ def _publishers(launch: ElementTree.Element) -> Iterator[tuple[str, str, Pose]]:
         else:
             turned = ("yaw", "pitch", "roll") if not _is_number(words[6]) else ("qx", "qy", "qz", "qw")
             values = dict(zip(("x", "y", "z", *turned, "frame-id", "child-frame-id"), words, strict=False))
-        translation = np.array([float(values.get(name, 0)) for name in "xyz"])
+        parent, child = values["frame-id"], values["child-frame-id"]
+        translation = [float(values.get(name, 0)) for name in "xyz"]
         if values.keys() & {"qx", "qy", "qz", "qw"}:
             quaternion = [float(values.get(name, name == "qw")) for name in ("qx", "qy", "qz", "qw")]
-            rotation = rotation_from_quaternion(np.array(quaternion))
+            yield parent, child, pose_of_quaternion(quaternion, translation, f"frame {child!r}")
         else:
             rotation = from_roll_pitch_yaw(*(float(values.get(name, 0)) for name in ("roll", "pitch", "yaw")))
-        yield values["frame-id"], values["child-frame-id"], Pose(rotation, translation)
+            yield parent, child, Pose(rotation, np.array(translation))
 
 
 def _is_number(word: str) -> bool:

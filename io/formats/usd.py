@@ -75,13 +75,18 @@ def read_usd(path: Path) -> Held:
     Raises QuadrigError where usd-core is not installed, or a camera does not say its picture's size.
     """
     try:
-        from pxr import Tf, Usd, UsdGeom
+        from pxr import Tf, Usd
     except ImportError as error:
         raise QuadrigError(f"{path}: USD needs usd-core; install it with: pip install 'quadrig[usd]'") from error
     try:
-        stage = Usd.Stage.Open(str(path))
+        return _read_stage(Usd.Stage.Open(str(path)), path)
     except Tf.ErrorException as error:
-        raise ValueError("it is no USD stage") from error
+        raise ValueError("it is no USD stage, or a damaged one") from error
+
+
+def _read_stage(stage: Any, path: Path) -> Held:
+    from pxr import Usd, UsdGeom
+
     places = UsdGeom.XformCache(Usd.TimeCode.EarliestTime())
     carrier = stage.GetPrimAtPath("/Rig")
     world_from_rig = np.array(places.GetLocalToWorldTransform(carrier)).T if carrier else np.eye(4)
