@@ -81,7 +81,9 @@ def _read_all(paths: tuple[Path | str, ...], unit: float | None) -> Held:
 
 def _in_metres(held: Held, unit: float | None, path: Path | str) -> dict[str, Pose]:
     metres = unit if held.unit is None else held.unit
-    if held.poses and metres is None:
+    if metres is None:
+        if not held.poses:
+            return {}
         raise QuadrigError(f"{path}: nothing in it says the unit of lengths; `rig import` it with --unit m, cm or mm")
     for name, pose in held.poses.items():
         if not np.isfinite(pose.matrix()).all():

@@ -110,7 +110,11 @@ def read_yaml(content: bytes, loader: type = SAFE_LOADER) -> dict[str, Any]:
 
 
 def lens_of(
-    size: Sequence[float], matrix: Floats, distortion: Sequence[float], where: str, model: LensModel = "pinhole"
+    size: Sequence[float] | Floats,
+    matrix: Floats,
+    distortion: Sequence[float] | Floats,
+    where: str,
+    model: LensModel = "pinhole",
 ) -> Intrinsics:
     """The lens of an image size (width, height), camera matrix (3, 3) and OpenCV's coefficients of the model.
 

@@ -197,7 +197,8 @@ def _publishers(launch: ElementTree.Element) -> Iterator[tuple[str, str, Pose]]:
             values = dict(zip((word.removeprefix("--") for word in words[::2]), words[1::2], strict=True))
         else:
             turned = ("yaw", "pitch", "roll") if not _is_number(words[6]) else ("qx", "qy", "qz", "qw")
-            values = dict(zip(("x", "y", "z", *turned, "frame-id", "child-frame-id"), words, strict=False))
+            names: tuple[str, ...] = ("x", "y", "z", *turned, "frame-id", "child-frame-id")
+            values = dict(zip(names, words, strict=False))
         parent, child = values["frame-id"], values["child-frame-id"]
         translation = [float(values.get(name, 0)) for name in "xyz"]
         if values.keys() & {"qx", "qy", "qz", "qw"}:

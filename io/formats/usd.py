@@ -75,7 +75,7 @@ def read_usd(path: Path) -> Held:
     Raises QuadrigError where usd-core is not installed, or a camera does not say its picture's size.
     """
     try:
-        from pxr import Tf, Usd
+        from pxr import Tf, Usd  # pyright: ignore[reportMissingImports]
     except ImportError as error:
         raise QuadrigError(f"{path}: USD needs usd-core; install it with: pip install 'quadrig[usd]'") from error
     try:
@@ -85,7 +85,7 @@ def read_usd(path: Path) -> Held:
 
 
 def _read_stage(stage: Any, path: Path) -> Held:
-    from pxr import Usd, UsdGeom
+    from pxr import Usd, UsdGeom  # pyright: ignore[reportMissingImports]
 
     places = UsdGeom.XformCache(Usd.TimeCode.EarliestTime())
     carrier = stage.GetPrimAtPath("/Rig")
@@ -99,7 +99,8 @@ def _read_stage(stage: Any, path: Path) -> Held:
                 raise QuadrigError(f"{where} does not say its picture's size; give it an int2 quadrig:imageSize")
             seen = UsdGeom.Camera(prim).GetCamera(Usd.TimeCode.EarliestTime())
             lenses[name] = _lens_of(seen, (size[0], size[1]), where)
-            rig_from_graphics = np.linalg.solve(world_from_rig, np.array(places.GetLocalToWorldTransform(prim)).T)
+            world_from_graphics = np.array(places.GetLocalToWorldTransform(prim)).T
+            rig_from_graphics = np.asarray(np.linalg.solve(world_from_rig, world_from_graphics), float)
             poses[name] = pose_of(rig_from_graphics, where) @ GRAPHICS
     metres = UsdGeom.GetStageMetersPerUnit(stage) if UsdGeom.StageHasAuthoredMetersPerUnit(stage) else None
     return Held(lenses, poses, unit=metres)

@@ -85,7 +85,7 @@ def _remapped(image: Picture, lens: Intrinsics, tables: Tables, where: Path) -> 
             f"{where}: it is {width}x{height}, the lens was calibrated at {lens.width}x{lens.height}; give pictures "
             "of that size"
         )
-    return cv2.remap(image, *tables, cv2.INTER_CUBIC, borderMode=cv2.BORDER_CONSTANT)
+    return np.asarray(cv2.remap(image, *tables, cv2.INTER_CUBIC, borderMode=cv2.BORDER_CONSTANT))
 
 
 def _picture(source: Path, target: Path, lens: Intrinsics, tables: Tables) -> None:
@@ -95,7 +95,7 @@ def _picture(source: Path, target: Path, lens: Intrinsics, tables: Tables) -> No
     image = cv2.imdecode(content, cv2.IMREAD_UNCHANGED) if len(content) else None
     if image is None:
         raise QuadrigError(f"{source}: cannot be read as a picture; leave it out or write it again")
-    done, encoded = cv2.imencode(target.suffix, _remapped(image, lens, tables, source))
+    done, encoded = cv2.imencode(target.suffix, _remapped(np.asarray(image), lens, tables, source))
     if not done:
         raise QuadrigError(f"{target}: pictures cannot be written as {target.suffix}; give PNG or JPEG files")
     with written_beside(target) as beside:

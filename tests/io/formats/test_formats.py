@@ -8,6 +8,7 @@ import tomllib
 import xml.etree.ElementTree as ElementTree
 from dataclasses import replace
 from types import ModuleType
+from typing import Any
 
 import cv2
 import numpy as np
@@ -195,7 +196,7 @@ def test_colmap_reads_rig_frame_and_images(form, rig, tmp_path):
 )
 def test_toml_holds_camera_from_rig(form, unit, rig):
     [text] = export_files(rig, form).values()
-    tables = tomllib.loads(text)
+    tables = tomllib.loads(str(text))
     cameras = tables["cameras"] if form == "caliscope" else {k: v for k, v in tables.items() if k != "metadata"}
     for camera, held in zip(rig.cameras, cameras.values(), strict=True):
         assert held["size"] == [1280, 720]
@@ -259,7 +260,7 @@ def test_mrcal_reads_its_own(rig, tmp_path):
 
 def test_usd_cameras_see_the_same(pinholes, tmp_path):
     pytest.importorskip("pxr", reason="USD's own reader is usd-core")
-    from pxr import Gf, Usd, UsdGeom
+    from pxr import Gf, Usd, UsdGeom  # pyright: ignore[reportMissingImports]
 
     [path] = written(tmp_path, pinholes, "usd")
     stage = Usd.Stage.Open(str(path))
@@ -287,7 +288,9 @@ class Anything:
 
 def run_in_blender(script: str) -> list[Anything]:
     """The scenes that a script makes in a stand-in for bpy."""
-    bpy, mathutils, scenes = ModuleType("bpy"), ModuleType("mathutils"), []
+    bpy: Any = ModuleType("bpy")
+    mathutils: Any = ModuleType("mathutils")
+    scenes: list[Anything] = []
 
     def new_scene(name):
         scenes.append(Anything(name))
@@ -315,7 +318,7 @@ def test_blender_makes_cameras_that_see_the_same(pinholes):
     small = pinholes.cameras[3]
     lens = replace(small.intrinsics, width=640, height=480, principal_point=np.array([300.0, 250.0]))
     mixed = replace(pinholes, cameras=(*pinholes.cameras[:3], replace(small, intrinsics=lens)))
-    scenes = run_in_blender(export_files(mixed, "blender")["rig_blender.py"])
+    scenes = run_in_blender(str(export_files(mixed, "blender")["rig_blender.py"]))
     assert [(s.render.resolution_x, s.render.resolution_y) for s in scenes] == [(1280, 720), (640, 480)]
     made = {held.name: (held, scene) for scene in scenes for held in scene.linked if held.data is not None}
     assert list(made) == [camera.name for camera in mixed.cameras]

@@ -52,6 +52,7 @@ def test_pictures_come_out_straight(lens, rig, tmp_path):
     cv2.imwrite(str(folder / "0001.png"), spotted(lens))
     assert run(["undistort", rig, str(folder), "-o", str(tmp_path / "flat")]) == 0
     picture = cv2.imread(str(tmp_path / "flat" / "cam0" / "0001.png"), cv2.IMREAD_GRAYSCALE)
+    assert picture is not None
     expected = ideal_lens(lens).project(SPOTS)
     assert np.abs(expected - lens.project(SPOTS)).max() > 5
     np.testing.assert_allclose(spots_of(picture, expected), expected, atol=0.1)
