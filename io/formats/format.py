@@ -72,7 +72,8 @@ class Format:
     what: it is, and loses: of a rig, in words. suffixes: of its one file, the first of which chooses it; empty where
     it is several files in a folder. write: a rig's files by name. read: what a file (or a folder) says.
     recognises: from a path and the first bytes of its content. names: cameras' names as the format can hold them.
-    ideal: it holds no distortion, and square pixels alone.
+    ideal: it holds no distortion, and square pixels alone. lenses: it holds lenses alone, and so cameras that have no
+    pose too.
     """
 
     what: str
@@ -83,6 +84,7 @@ class Format:
     recognises: Callable[[Path, bytes], bool] = lambda _path, _head: False
     names: Callable[[Sequence[str]], list[str]] = list
     ideal: bool = False
+    lenses: bool = False
 
 
 def plain_names(names: Sequence[str]) -> list[str]:

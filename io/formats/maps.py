@@ -29,7 +29,7 @@ def ideal_rig(rig: Rig) -> Rig:
     lens = np.arange(len(covariance)) % CAMERA_PARAMETERS < len(LENS_PARAMETERS)
     covariance[lens] = covariance[:, lens] = np.nan
     cameras = tuple(replace(one, intrinsics=ideal_lens(one.intrinsics)) for one in rig.cameras)
-    return replace(rig, cameras=cameras, covariance=covariance)
+    return replace(rig, cameras=cameras, covariance=covariance, apart=tuple(map(ideal_rig, rig.apart)))
 
 
 def undistortion_map(lens: Intrinsics) -> Floats:

@@ -64,13 +64,24 @@ def export_rig(rig: Rig, name: str, options: Options | None = None) -> Export:
                 f"{name} has no place for the distortion or the aspect of camera {camera.name!r}; export with "
                 "--undistorted, and use it with the pictures that `rig undistort` makes"
             )
+    rig, left_out = _with_lenses(rig, form, name)
     fitted, notes = _renamed(rig, form, name, options.base)
-    return Export(form.write(fitted, options), notes)
+    return Export(form.write(fitted, options), (*left_out, *notes))
 
 
 def export_files(rig: Rig, name: str, options: Options | None = None) -> Files:
     """The files of a rig in a format, by name. Raises QuadrigError as export_rig does."""
     return export_rig(rig, name, options).files
+
+
+def _with_lenses(rig: Rig, form: Format, name: str) -> tuple[Rig, tuple[str, ...]]:
+    """The rig with the cameras of which only the lens is known, where the format has a place for them; and who they
+    are that it has none for."""
+    alone = [camera for _, camera in rig.lens_only]
+    if form.lenses:
+        return replace(rig, cameras=(*rig.cameras, *alone)), ()
+    names = ", ".join(camera.name for camera in alone)
+    return rig, (f"{name} holds no camera without a pose: without {names}",) if alone and name != "json" else ()
 
 
 def _is_ideal(lens: Intrinsics) -> bool:
@@ -114,7 +125,7 @@ _FORMATS: dict[str, Format] = {
     ),
     "ros": Format(
         "ROS camera_info, a file for each camera", f"poses (urdf, tf), {_DOUBT}", ros_files,
-        read=read_camera_info, recognises=is_camera_info, names=plain_names,
+        read=read_camera_info, recognises=is_camera_info, names=plain_names, lenses=True,
     ),
     "urdf": Format(
         "URDF: links and fixed joints", "lenses (ros), sigmas, moving rectangles", urdf_files, (".urdf", ".xacro"),
@@ -159,9 +170,12 @@ _FORMATS: dict[str, Format] = {
     "blender": Format(
         "Python script for Blender", f"distortion, {_DOUBT}", blender_files, (".py",), names=plain_names, ideal=True
     ),
-    "maps": Format("maps for OpenCV's remap, TIFF", f"poses, {_DOUBT}", opencv_map_files, names=plain_names),
+    "maps": Format(
+        "maps for OpenCV's remap, TIFF", f"poses, {_DOUBT}", opencv_map_files, names=plain_names, lenses=True
+    ),
     "ffmpeg": Format(
-        "maps for FFmpeg's remap, PGM", f"parts of pixels, poses, {_DOUBT}", ffmpeg_map_files, names=plain_names
+        "maps for FFmpeg's remap, PGM", f"parts of pixels, poses, {_DOUBT}", ffmpeg_map_files, names=plain_names,
+        lenses=True,
     ),
 }  # fmt: skip
 

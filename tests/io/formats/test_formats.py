@@ -441,6 +441,17 @@ def test_upright_links_have_angles_too(pitch):
     np.testing.assert_allclose(again, about_z @ about_y, atol=1e-8)  # upright, an angle is known to root epsilon
 
 
+def test_cameras_without_a_pose_go_where_lenses_go_alone(example_rig):
+    alone = replace(example_rig, cameras=(replace(example_rig.cameras[0], name="alone"),), reference="alone", fits=())
+    both = replace(example_rig, apart=(replace(alone, covariance=example_rig.covariance[:15, :15]),))
+    assert "alone.yaml" in export_files(both, "ros")
+    assert "alone" in json.loads(export_files(both, "json")["rig.json"])["lens_only"]
+    done = export_rig(both, "kalibr")
+    assert done.notes == ("kalibr holds no camera without a pose: without alone",)
+    flat = yaml.safe_load(export_files(ideal_rig(both), "ros")["alone.yaml"])
+    assert not any(flat["distortion_coefficients"]["data"])
+
+
 def named(rig: Rig, *names: str) -> Rig:
     cameras: list[Camera] = [replace(one, name=name) for one, name in zip(rig.cameras, names, strict=False)]
     return replace(rig, cameras=tuple(cameras), fits=(), reference=names[0])
