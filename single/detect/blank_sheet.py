@@ -1,31 +1,33 @@
-"""A blank sheet, lighter or darker than what it lies on: its four corners from its four edges."""
+"""A blank sheet, lighter or darker than what it lies on: its four corners from what is seen of its four edges."""
 
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
 
-from quadrig.single.arrays import Floats, Ints, Picture
-from quadrig.single.detect.pictures import reduced
-from quadrig.single.subpixel.edge_fit import fit_outline
+from quadrig.single.arrays import Floats, Picture
+from quadrig.single.detect.sheet_outlines import SEARCH_SIDE, sheet_outlines
+from quadrig.single.subpixel.side_fit import Sides, fit_sides
 from quadrig.single.subpixel.tone import USUAL_TONE, LightImage
 
-# Search at no more pixels than this along the image's longer side: a sheet is large.
-_SEARCH_SIDE = 640
-# Share of the image's area below which a blank quadrilateral is not taken for the sheet.
-_LEAST_AREA = 0.004
 # Grey levels from sheet to ground.
-_LEAST_CONTRAST = 15.0
-# px to either side of an edge that the first and the last fit look at, or three blurs where that is more.
+_LEAST_CONTRAST = 6.0
+# px to either side of an edge that the first and the last fits look at, or three blurs where that is more.
 _WIDE, _CLOSE = 8.0, 5.0
-# rms of what the blurred straight edge leaves unexplained beside it, as share of the contrast.
-_UNEXPLAINED = 0.25
+# Share of a side's pieces, and of all, that must show it, and of a side from a corner to where it is first seen.
+_SEEN, _SEEN_OF_ALL, _FARTHEST = 0.25, 0.6, 0.75
+# Factor between the steps of light, and between the light within, along two sides: a ground has textures, and a
+# shadow may take two thirds.
+_STEPS_APART, _LIGHTS_APART = 4.0, 4.0
+# sigma (px) of a corner that is too far from what is seen of its sides.
+_WORST_SIGMA = 0.5
 # Standard deviation of grey within the sheet, as share of the contrast: a blank sheet bears no print.
 _PRINT = 0.2
+# Where that is more, by a hand or a shadow: how much darker or lighter than the sheet neither is, and the shares of
+# the sheet that may be so, and that may lie at an edge of this share of the contrast.
+_INK, _INKED, _EDGE, _EDGES = 8.0, 0.05, 0.25, 0.15
 # A second sheet of this share of the first one's area makes the choice a guess.
 _RIVAL = 0.4
-# Lines of pixels across an edge that the last fit looks at: the shape of its profile needs many.
-_LINES = 256
 # Standard deviation of log gamma that the profile of an edge cannot take away: a curve that is an S looks to it much
 # like a power, and moves the edge by more.
 _CURVE_SIGMA = 0.15
@@ -36,80 +38,91 @@ _MODEL_SIGMA = 0.02
 @dataclass(frozen=True, eq=False)
 class FoundSheet:
     """A sheet in a picture: corners (4, 2) px, clockwise; sigma px of each coordinate, and the error (4, 2) px that
-    all corners share."""
+    all corners share; contrast: grey levels of the faintest side."""
 
     corners: Floats
     sigma: float
     common: Floats
+    contrast: float
 
 
-def find_blank_sheet(grey: Picture) -> FoundSheet | None:
-    """The one blank sheet in a picture, wholly in sight; None where there is none or no telling."""
-    fitted = [fit for fit in (_fit(grey, quad) for quad in _candidates(grey)) if fit is not None]
-    fitted.sort(key=lambda sheet: -cv2.contourArea(sheet.corners.astype(np.float32)))
-    return _undisputed(fitted)
+def find_blank_sheet(grey: Picture, middle: Floats) -> FoundSheet | None:
+    """The one blank sheet in a picture, its corners in sight or between edges that are; None where there is none or
+    no telling. middle (2,) px: of the whole picture, of which this may be a part."""
+    for fine in (False, True):
+        fitted = [fit for fit in (_fit(grey, quad, middle) for quad in sheet_outlines(grey, fine)) if fit is not None]
+        if fitted:
+            return _undisputed(fitted)
+    return None
 
 
-def _candidates(grey: Picture) -> list[Floats]:
-    """Rough convex quadrilaterals (4, 2) px, clockwise, that any threshold cuts out of the picture."""
-    scale = min(1.0, _SEARCH_SIDE / max(grey.shape))
-    small = cv2.GaussianBlur(reduced(grey, scale), (0, 0), 1.0)
-    low, high = np.percentile(small, [1, 99])
-    quads: list[Floats] = []
-    for threshold in np.linspace(low, high, 16)[1:-1]:
-        _, mask = cv2.threshold(small, float(threshold), 255, cv2.THRESH_BINARY)
-        contours, _ = cv2.findContours(mask, cv2.RETR_LIST, cv2.CHAIN_APPROX_SIMPLE)
-        for contour in contours:
-            quad = _quad(np.asarray(contour, np.int32), small.shape)
-            if quad is not None and not any(np.abs(quad - other).max() < 3 for other in quads):
-                quads.append(quad)
-    return [(quad + 0.5) / scale - 0.5 for quad in quads]
-
-
-def _quad(contour: Ints, shape: tuple[int, ...]) -> Floats | None:
-    hull = cv2.convexHull(contour)
-    area = cv2.contourArea(contour)
-    if area < _LEAST_AREA * shape[0] * shape[1] or area < 0.9 * cv2.contourArea(hull):
-        return None
-    bend = 0.02 * cv2.arcLength(hull, closed=True)
-    polygon = cv2.approxPolyDP(hull, bend, closed=True).reshape(-1, 2).astype(float)
-    if len(polygon) != 4 or cv2.contourArea(polygon.astype(np.float32)) < 0.92 * area:
-        return None
-    if (polygon < 2).any() or (polygon > np.array(shape[::-1]) - 3).any():
-        return None
-    turn = np.cross(np.append(polygon[1] - polygon[0], 0), np.append(polygon[2] - polygon[1], 0))[2]
-    return polygon if turn > 0 else polygon[::-1].copy()
-
-
-def _fit(grey: Picture, quad: Floats) -> FoundSheet | None:
-    corners, tone = quad[None], USUAL_TONE
+def _fit(grey: Picture, quad: Floats, middle: Floats) -> FoundSheet | None:
+    corners, bow, blur, ground, tone = quad, np.zeros((4, 4)), 1.0, 0.0, USUAL_TONE
     span = np.linalg.norm(np.roll(quad, -1, axis=0) - quad, axis=1).min()
     # First wide, since the search was coarse, then close to the edge, where the ground's texture counts less.
-    blur = 0.0
-    for wide, most in ((_WIDE, 64), (_CLOSE, 96), (_CLOSE, _LINES)):
-        reach = min(max(wide, 3 * blur), 0.2 * span)
-        outline = fit_outline(LightImage(grey, tone), corners, np.full((1, 4), reach), most=most)
+    coarse = max(1.0, max(grey.shape) / SEARCH_SIDE)
+    for wide in (_WIDE * coarse, _CLOSE, _CLOSE):
+        reach = float(min(max(wide, 3 * blur), 0.2 * span))
+        sides = fit_sides(LightImage(grey, tone), corners, bow, reach, blur, middle, ground)
+        if not _shows_four(sides):
+            return None
+        outline, ground = sides.outline, sides.ground
         blur = float(np.median(outline.fit.blur))
         better = tone.updated(outline.pull[0], outline.weight[0])
-        corners = outline.corners + outline.by_gamma * np.log(better.gamma / tone.gamma)
-        tone = better
-        if not np.isfinite(corners).all() or np.abs(corners[0] - quad).max() > 0.1 * span + 4:
+        corners = outline.corners[0] + outline.by_gamma[0] * np.log(better.gamma / tone.gamma)
+        tone, bow = better, sides.coefficients * [[0, 0, 1, 1]]
+        bow[:, 0], bow[:, 1] = -bow[:, 2], -bow[:, 3]
+        if not np.isfinite(corners).all() or np.abs(corners - quad).max() > 0.1 * span + 4 * coarse:
             return None
     if (corners < 3).any() or (corners > np.array(grey.shape[::-1]) - 4).any():
         # What the image's own edge cuts off has no corner there.
         return None
-    fit = outline.fit
-    contrast = float(np.abs(fit.grey_contrast).min())
-    if contrast < _LEAST_CONTRAST or len(set(np.sign(fit.contrast))) > 1:
+    contrast = float(np.abs(outline.fit.grey_contrast).min())
+    if not _one_sheet(sides) or contrast < _LEAST_CONTRAST or not _blank(grey, corners, contrast):
         return None
-    if np.any(fit.noise > _UNEXPLAINED * np.abs(fit.contrast)) or not _blank(grey, corners[0], contrast):
+    if outline.sigma.max() > _WORST_SIGMA:
         return None
-    sigma = float(np.hypot(np.sqrt(np.mean(outline.sigma**2)), _MODEL_SIGMA))
-    return FoundSheet(corners[0], sigma, tone.doubted(_CURVE_SIGMA).sigma * outline.by_gamma[0])
+    common = tone.doubted(_CURVE_SIGMA).sigma * outline.by_gamma[0]
+    sigma = np.hypot(outline.sigma[0], _MODEL_SIGMA)
+    base, far = _far_corner(sides, sigma, common)
+    return FoundSheet(corners, base, far, contrast)
+
+
+def _far_corner(sides: Sides, sigma: Floats, common: Floats) -> tuple[float, Floats]:
+    """Sigma (px) of all corners but the least sure, and the shared error (4, 2) with what is more of that one's.
+
+    A corner far from what is seen of one of its sides is unsure along the other; a View has one sigma for all.
+    """
+    worst = int(np.argmax(sigma))
+    base = float(np.delete(sigma, worst).max())
+    before, after = np.argmax(sides.seen[worst - 1, ::-1]), np.argmax(sides.seen[worst])
+    other = sides.corners[worst - 1] if after > before else sides.corners[(worst + 1) % 4]
+    along = (sides.corners[worst] - other) / np.linalg.norm(sides.corners[worst] - other)
+    # Sigma is the root mean square of two coordinates, of which one has it all.
+    more = np.sqrt(2 * max(sigma[worst] ** 2 - base**2, 0.0)) * along
+    far = common.copy()
+    far[worst] += more if more @ common[worst] >= 0 else -more
+    return base, far
+
+
+def _shows_four(sides: Sides) -> bool:
+    """Whether each side is seen over a good part of its length, and near both of its corners."""
+    seen = sides.seen
+    if (seen.mean(axis=1) < _SEEN).any() or seen.mean() < _SEEN_OF_ALL:
+        return False
+    first, last = np.argmax(seen, axis=1), np.argmax(seen[:, ::-1], axis=1)
+    return bool(max(first.max(), last.max()) <= _FARTHEST * seen.shape[1])
+
+
+def _one_sheet(sides: Sides) -> bool:
+    """Whether the four sides end at the corners and have like steps of light and like light within."""
+    step, light = np.abs(sides.step), np.maximum(sides.outline.fit.dark, 0.1)
+    alike = step.max() < _STEPS_APART * step.min() and light.max() < _LIGHTS_APART * light.min()
+    return bool(alike and not sides.goes_on.any())
 
 
 def _blank(grey: Picture, corners: Floats, contrast: float) -> bool:
-    """Whether what lies within is of one tone, but for a slow change of light."""
+    """Whether what lies within is of one tone, but for a slow change of light, a shadow and a hand."""
     size = 48
     inset = corners.mean(axis=0) + 0.92 * (corners - corners.mean(axis=0))
     unit = np.array([[0, 0], [size, 0], [size, size], [0, size]], np.float32)
@@ -120,16 +133,30 @@ def _blank(grey: Picture, corners: Floats, contrast: float) -> bool:
     y, x = np.mgrid[-1 : 1 : size * 1j, -1 : 1 : size * 1j]
     basis = np.stack([np.ones(size * size), x.ravel(), y.ravel()], axis=1)
     left = inside.ravel() - basis @ np.linalg.lstsq(basis, inside.ravel(), rcond=None)[0]
-    return float(np.std(left)) < _PRINT * contrast
+    if float(np.std(left)) < _PRINT * contrast:
+        return True
+    light = USUAL_TONE.light(np.maximum(inside, 1))
+    inked = np.abs(np.log(light / np.median(light))) > np.log(_INK)
+    edges = np.hypot(*np.gradient(inside)) > _EDGE * contrast
+    return bool(inked.mean() < _INKED and edges.mean() < _EDGES)
 
 
 def _undisputed(fitted: list[FoundSheet]) -> FoundSheet | None:
-    if not fitted:
-        return None
-    largest = fitted[0].corners.astype(np.float32)
-    area = cv2.contourArea(largest)
-    for other in (sheet.corners for sheet in fitted[1:]):
-        apart = cv2.pointPolygonTest(largest, tuple(other.mean(axis=0).tolist()), measureDist=False) < 0
-        if apart and cv2.contourArea(other.astype(np.float32)) > _RIVAL * area:
-            return None
-    return fitted[0]
+    """The largest sheet, if there is no other like it. Of two that share ground the one of clearer edges is meant."""
+    clear = [one for one in fitted if not any(_overlap(one, other) and other.contrast > one.contrast for other in fitted)]
+    largest = max(clear, key=_area)
+    rival = any(one is not largest and _area(one) > _RIVAL * _area(largest) for one in clear)
+    return None if rival else largest
+
+
+def _area(sheet: FoundSheet) -> float:
+    return cv2.contourArea(sheet.corners.astype(np.float32))
+
+
+def _overlap(one: FoundSheet, other: FoundSheet) -> bool:
+    """Whether the middle of either lies within the other."""
+    pairs = ((one, other), (other, one))
+    return any(
+        cv2.pointPolygonTest(a.corners.astype(np.float32), tuple(b.corners.mean(axis=0).tolist()), False) >= 0
+        for a, b in pairs
+    )

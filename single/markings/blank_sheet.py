@@ -48,7 +48,7 @@ def _view(grey: Picture, rectangle: Rectangle, window: Picture, start: Floats) -
 
     The reading nearest to upright in the picture comes first, the others are the View's alternatives.
     """
-    found = find_blank_sheet(window)
+    found = find_blank_sheet(window, image_middle(grey.shape[1], grey.shape[0]) - start)
     if found is None:
         return None
     corners = found.corners + start

@@ -94,6 +94,7 @@ def fit_edges(
     margin: Floats,
     bow: Floats | None = None,
     most: int = 96,
+    ground: float = 0.0,
 ) -> EdgeFit:
     """Fit the edges near the lines from start to end (N, 2) px.
 
@@ -101,6 +102,8 @@ def fit_edges(
     reach (N,): px to either side that belong to this edge alone. margin (N,): px at both ends to leave out.
     bow (N,): px by which the edge is known to bulge inwards between its ends (c2); straight where None.
     most: lines of pixels across an edge that are looked at; more show little more of a straight edge.
+    ground: standard deviation of how the light outside changes from px to px away from the edge, as share of the
+    contrast; paper's does not, a table's does.
     """
     along = end - start
     length = np.linalg.norm(along, axis=1)
@@ -110,7 +113,7 @@ def fit_edges(
     normal *= -np.sign(np.sum((inside - middle) * normal, axis=1))[:, None]
     bands = _Bands(middle, tangent, normal, length, reach, np.zeros(len(start)) if bow is None else bow)
     u, offset, light, weight = _edge_samples(image, bands, margin, most)
-    return _edge_iterations(u, offset, light, weight, bands, image.tone)
+    return _edge_iterations(u, offset, light, weight, bands, image.tone, ground)
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,10 +157,12 @@ def _edge_samples(
 
 
 def _edge_iterations(
-    u: Singles, offset: Singles, light: Singles, weight: Singles, bands: _Bands, tone: Tone
+    u: Singles, offset: Singles, light: Singles, weight: Singles, bands: _Bands, tone: Tone, ground: float
 ) -> EdgeFit:
     count, reach, start_bow = len(bands.length), bands.reach, bands.bow
-    parameters = np.zeros((count, 9))  # dark, its slope, contrast, its slope, log blur, c0, c1, c2, c3
+    unknowns = 10 if ground else 9
+    # Dark, its slope, contrast, its slope, log blur, c0, c1, c2, c3, and how the outside changes across.
+    parameters = np.zeros((count, unknowns))
     across = offset - start_bow[:, None] * (u**2 - 1)
     bright = weighted_mean(light, weight * (across > 0.4 * reach[:, None]))
     dark = weighted_mean(light, weight * (across < -0.4 * reach[:, None]))
@@ -168,8 +173,8 @@ def _edge_iterations(
     farthest = np.maximum(1.0, reach / 4)[:, None]
     noise = np.full(count, 4.0)
     bow = _BOW * (bands.length / 100) ** 2
-    inverse = np.zeros((count, 9, 9))
-    by_gamma, said = np.zeros((count, 9)), np.zeros((4, count))
+    inverse = np.zeros((count, unknowns, unknowns))
+    by_gamma, said = np.zeros((count, unknowns)), np.zeros((4, count))
     active = np.arange(count)
     for iteration in range(ITERATIONS):
         now, w = parameters[active], weight[active]
@@ -179,10 +184,12 @@ def _edge_iterations(
         variance = variance_of_sides(residual, jacobian[:, 2], w, least, 7)
         noise[active] = np.sqrt(weighted_mean(variance, w))
         w = w / variance
-        prior = np.zeros((len(active), 9))
+        prior = np.zeros((len(active), unknowns))
         prior[:, [1, 3]] = 1 / (0.5 * np.abs(now[:, 2]) + 1)[:, None] ** 2
         prior[:, 4] = 1 / BLUR_SPREAD**2
-        prior[:, 7:] = 1 / (bow[active, None] * [1, _LOPSIDED]) ** 2
+        prior[:, 7:9] = 1 / (bow[active, None] * [1, _LOPSIDED]) ** 2
+        if ground:
+            prior[:, 9] = 1 / (ground * np.abs(now[:, 2]) + 1e-3) ** 2
         pull = -now
         pull[:, 4] += USUAL_BLUR
         step, inverse[active] = damped_step(jacobian, residual, w, prior, pull)
@@ -218,12 +225,17 @@ def _edge_iterations(
 
 
 def _edge_model(parameters: Floats, u: Singles, offset: Singles) -> tuple[Singles, Singles]:
-    dark, dark_slope, contrast, contrast_slope, log_blur, c0, c1, c2, c3 = parameters.astype(np.float32).T[..., None]
+    dark, dark_slope, contrast, contrast_slope, log_blur, c0, c1, c2, c3, *across = parameters.astype(np.float32).T[
+        ..., None
+    ]
     blur = np.exp(log_blur)
     value, slope, by_blur = soft_step(offset - (c0 + u * (c1 + u * (c2 + u * c3))), blur)
     height = contrast + contrast_slope * u
+    jacobian = np.empty((len(u), parameters.shape[1], u.shape[1]), np.float32)
+    if across:
+        height = height + across[0] * offset
+        jacobian[:, 9] = value * offset
     model = dark + dark_slope * u + height * value
-    jacobian = np.empty((len(u), 9, u.shape[1]), np.float32)
     jacobian[:, 0], jacobian[:, 1] = 1, u
     jacobian[:, 2], jacobian[:, 3] = value, u * value
     jacobian[:, 4] = height * by_blur * blur
@@ -254,10 +266,10 @@ def fit_outline(
     margin = np.minimum(np.maximum(rounded, 0.06 * length), 0.3 * length)
     flat_bow = None if bow is None else bow.reshape(-1)
     fit = fit_edges(image, start, end, centre, reach.reshape(-1), margin, flat_bow, most)
-    return _meet(corners, fit)
+    return meet(corners, fit)
 
 
-def _meet(corners: Floats, fit: EdgeFit) -> Outline:
+def meet(corners: Floats, fit: EdgeFit) -> Outline:
     """Where each side meets the one before it."""
     count = len(corners)
     end = np.roll(corners, -1, axis=1)

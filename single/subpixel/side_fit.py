@@ -1,0 +1,291 @@
+"""The four sides of a sheet from short pieces of them, each with light of its own, that agree on where the side runs.
+
+A shadow across an edge, or wood below it, changes the light along it; a hand hides a part of it. So each piece is
+fitted by itself, the pieces of a side vote for a curve, and those that lie beside it are left out. How far the others
+scatter around it says how sure the side is, whatever the ground does.
+"""
+
+from dataclasses import dataclass
+from functools import lru_cache
+from itertools import combinations
+
+import numpy as np
+
+from quadrig.single.arrays import Floats, Ints, Mask
+from quadrig.single.subpixel.edge_fit import EdgeFit, Outline, fit_edges, meet
+from quadrig.single.subpixel.tone import LightImage
+
+# Share of what a ground's light varies by along the sides by which it varies from px to px across them.
+_ACROSS = 0.1
+# Standard deviation of the log gamma that an uneven ground looks like, over its unevenness.
+_TONE_OF_GROUND = 12.0
+# Pieces of a side, px of the shortest, and of them beyond each of its ends.
+_PIECES, _SHORTEST, _BEYOND = 12, 6.0, 2
+# Share of a side at either end that a rounded corner may take, and blurs that blur rounds.
+_ROUNDED, _BLURRED = 0.06, 2.5
+# A piece shows the edge where the sigma of its place (px) and its noise over its contrast are below these, and its
+# contrast, grey levels, is above; noise of more than so many times its fellows' is something across the edge.
+_SHOWN, _CLEAR, _LEAST_STEP, _UNLIKE = 0.6, 0.35, 3.0, 3.0
+# Pieces agree within so many sigmas of their places, px at least and at most.
+_AGREE, _NEAR, _FAR = 3.5, 0.35, 1.2
+# Standard deviation of what a lens does to a point in the picture's corner, as share of the way from the middle, and
+# of that part of a side's bow that follows no such cubic: share of it, and px at 100 px of a side of bent paper.
+_LENS, _NOT_CUBIC, _BENT = 0.25, 0.25, 0.05
+# px^2 that a piece which does not show the edge is off by; px of what a ground may do to a piece,
+# and its shares that are alike in some pieces on end, each piece's alone, and a side's throughout (grain along it).
+_HIDDEN = 1e6
+_GROUNDS = (0.0, 0.01, 0.02, 0.03, 0.045, 0.065, 0.1, 0.15, 0.22)
+_ALIKE, _AT_ONCE, _ALONE, _THROUGHOUT = 3.0, 0.8, 0.2, 0.7
+# Share of a side's step that what goes on beyond its end must have, and px beside the side's own curve.
+_SAME_STEP, _SAME_LINE = 0.65, 1.5
+
+
+@dataclass(frozen=True, eq=False)
+class Sides:
+    """Sides between corners (4, 2) px: offset outwards from the straight line, coefficients (4, 4) as in EdgeFit.
+
+    seen (4, K): which pieces show it. goes_on (4,): whether its edge runs past one of its ends. step (4,): logarithm
+    of the light outside over that inside. ground: standard deviation of the light outside, as share of the contrast.
+    outline: where the sides meet.
+    """
+
+    corners: Floats
+    coefficients: Floats
+    seen: Mask
+    goes_on: Mask
+    step: Floats
+    ground: float
+    outline: Outline
+
+
+def fit_sides(image: LightImage, corners: Floats, bow: Floats, reach: float, blur: float, middle: Floats, ground: float) -> Sides:
+    """Fit the sides near those between corners (4, 2) px with coefficients (4, 4) of an earlier fit.
+
+    reach: px to either side that belong to an edge alone. blur: px, as far as known. middle (2,) px: of the whole
+    picture, from which a lens bends lines. ground: how uneven what it lies on is, see Sides.
+    """
+    frame = _Frame.of(corners)
+    count = int(np.clip(frame.half.min() * 2 / _SHORTEST, 4, _PIECES))
+    places = _places(frame.half, count, blur)
+    ends = frame.points(places, bow)
+    start, end = ends[:, :-1].reshape(-1, 2), ends[:, 1:].reshape(-1, 2)
+    # Beyond a corner, too, inside is where the side has it.
+    inside = (start + end) / 2 - np.repeat(frame.normal, places.shape[1] - 1, axis=0) * reach
+    fit = fit_edges(image, start, end, inside, np.full(len(start), reach), np.zeros(len(start)), most=24, ground=_ACROSS * ground)
+    pieces = _Pieces.of(frame, fit, start, end)
+    own = np.arange(count) + _BEYOND + 1
+    bows = _bow_prior(frame, middle)
+    shown = pieces.shown(own)
+    agreeing = np.stack([_agreeing(pieces, side, shown[side], np.sqrt(bows[side, side])) for side in range(4)])
+    seen = np.zeros_like(shown)
+    seen[:, own] = agreeing[:, own]
+    return _joined(frame, pieces, seen, own, bows, fit)
+
+
+@dataclass(frozen=True, eq=False)
+class _Frame:
+    """Sides between corners (4, 2): middle, tangent, outward normal (4, 2), half length (4,)."""
+
+    corners: Floats
+    middle: Floats
+    tangent: Floats
+    normal: Floats
+    half: Floats
+
+    @staticmethod
+    def of(corners: Floats) -> "_Frame":
+        along = np.roll(corners, -1, axis=0) - corners
+        length = np.linalg.norm(along, axis=1)
+        tangent = along / length[:, None]
+        middle = corners + along / 2
+        normal = np.stack([tangent[:, 1], -tangent[:, 0]], axis=1)
+        normal *= np.sign(np.sum((middle - corners.mean(axis=0)) * normal, axis=1))[:, None]
+        return _Frame(corners, middle, tangent, normal, length / 2)
+
+    def points(self, u: Floats, coefficients: Floats) -> Floats:
+        """Points (4, K, 2) of the sides at u (4, K)."""
+        offset = np.sum(coefficients[:, None] * u[..., None] ** np.arange(4), axis=-1)
+        along = (self.half[:, None] * u)[..., None] * self.tangent[:, None]
+        return self.middle[:, None] + along + offset[..., None] * self.normal[:, None]
+
+
+def _places(half: Floats, count: int, blur: float) -> Floats:
+    """Where along the sides, u, pieces begin and end: so many between
+    the corners, one across each of them, and those beyond."""
+    margin = np.minimum(np.maximum(_BLURRED * blur, 2 * _ROUNDED * half), 0.5 * half) / half
+    inner = np.linspace(-1 + margin, 1 - margin, count + 1, axis=1)
+    step = np.maximum(inner[:, 1] - inner[:, 0], _SHORTEST / half)[:, None]
+    outer = 1 + margin[:, None] + step * np.arange(_BEYOND + 1)
+    return np.concatenate([-outer[:, ::-1], inner, outer], axis=1)
+
+
+@dataclass(frozen=True, eq=False)
+class _Pieces:
+    """Of each side (4, P): u, offset px, its variance, by_gamma px, step, grey contrast, noise over contrast."""
+
+    u: Floats
+    offset: Floats
+    variance: Floats
+    by_gamma: Floats
+    step: Floats
+    contrast: Floats
+    unexplained: Floats
+
+    @staticmethod
+    def of(frame: _Frame, fit: EdgeFit, start: Floats, end: Floats) -> "_Pieces":
+        middle, along = (start + end) / 2, end - start
+        along /= np.linalg.norm(along, axis=1)[:, None]
+        normal = np.stack([along[:, 1], -along[:, 0]], axis=1).reshape(4, -1, 2)
+        normal *= np.sign(np.sum(normal * frame.normal[:, None], axis=-1, keepdims=True))
+        shift = (
+            middle.reshape(4, -1, 2)
+            + normal * fit.coefficients[:, 0].reshape(4, -1, 1)
+            - frame.middle[:, None]
+        )
+        light = np.maximum(np.stack([fit.dark, fit.dark + fit.contrast]), 0.1)
+        steep = np.maximum(np.abs(fit.contrast), 1e-3)
+        parts = (
+            np.sum(shift * frame.tangent[:, None], axis=-1) / frame.half[:, None],
+            np.sum(shift * frame.normal[:, None], axis=-1),
+            fit.covariance[:, 0, 0],
+            fit.by_gamma[:, 0],
+            np.log(light[1] / light[0]),
+            fit.grey_contrast,
+            fit.noise / steep,
+        )
+        return _Pieces(*(part.reshape(4, -1) for part in parts))
+
+    def shown(self, own: Ints) -> Mask:
+        """Which pieces (4, P) show a clear step, of the sense that most of all sides' have."""
+        contrast = np.nan_to_num(self.contrast)
+        sense = np.sign(np.median(contrast[:, own]))
+        clear = np.isfinite(self.offset) & (self.variance > 0) & (self.variance < _SHOWN**2) & (self.unexplained < _CLEAR)
+        clear &= contrast * sense > _LEAST_STEP
+        for side in range(4):
+            good = clear[side, own]
+            if good.any():
+                clear[side] &= self.unexplained[side] < _UNLIKE * np.median(self.unexplained[side, own][good]) + 0.05
+        return clear
+
+
+@lru_cache(maxsize=16)
+def _triples(count: int) -> Ints:
+    return np.array(list(combinations(range(count), 3)))
+
+
+def _agreeing(pieces: _Pieces, side: int, shown: Mask, bow: float) -> Mask:
+    """Which pieces of a side lie on the parabola that most of those shown within it agree on.
+
+    A parabola through three of them that bends more than a lens bends it counts less (Torr and Zisserman, 2000)."""
+    index = np.flatnonzero(shown & (np.abs(pieces.u[side]) < 1))
+    if len(index) < 3:
+        return np.zeros_like(shown)
+    u, offset = pieces.u[side], pieces.offset[side]
+    tolerance = np.clip(_AGREE * np.sqrt(np.maximum(pieces.variance[side], 0)), _NEAR, _FAR)
+    triples = index[_triples(len(index))]
+    powers = u[triples][..., None] ** np.arange(3)
+    curves = np.linalg.solve(powers, offset[triples][..., None])[..., 0]
+    apart = np.abs(curves @ (u[:, None] ** np.arange(3)).T - offset) / tolerance
+    support = np.sum(np.maximum(0, 1 - apart[:, index] ** 2), axis=1) - 0.5 * (curves[:, 2] / bow) ** 2
+    best = int(np.argmax(support))
+    return shown & (apart[best] < 1)
+
+
+def _bow_prior(frame: _Frame, middle: Floats) -> Floats:
+    """Covariance (4, 4) px^2 of the sides' bows: what one cubic lens bends them by, and what is each one's own."""
+    size = np.sum(middle**2)
+    height = np.sum((frame.middle - middle) * frame.normal, axis=1)
+    cubic = _LENS * height * frame.half**2 / size
+    own = np.hypot(_NOT_CUBIC * cubic, _BENT * (2 * frame.half / 100) ** 2 + 0.02)
+    return np.outer(cubic, cubic) + np.diag(own**2)
+
+
+def _joined(frame: _Frame, pieces: _Pieces, seen: Mask, own: Ints, bows: Floats, fit: EdgeFit) -> Sides:
+    """All four sides by least squares: their lines are each one's own, their bows hang together."""
+    powers = pieces.u[..., None] ** np.arange(4)
+    prior = np.zeros((16, 16))
+    prior[2::4, 2::4], prior[3::4, 3::4] = np.linalg.inv(bows), np.diag(1 / (_NOT_CUBIC**2 * np.diag(bows)))
+    prior[0::4, 0::4] = prior[1::4, 1::4] = 1e-6 * np.eye(4)
+    # What hides a piece hides it wholly.
+    variance = np.where(seen, np.maximum(pieces.variance, 1e-6), _HIDDEN)
+    offset, by_gamma = (np.where(seen, part, 0) for part in (pieces.offset, pieces.by_gamma))
+    ground = _ground(powers, variance, offset, np.linalg.inv(prior))
+    weight = np.linalg.inv(variance[:, None] * np.eye(seen.shape[1]) + ground)
+    solve = np.swapaxes(powers, 1, 2) @ weight
+    inverse = np.linalg.inv(prior + _diagonal(solve @ powers))
+    coefficients, slopes = (
+        (inverse @ (solve @ part[..., None]).reshape(16)).reshape(4, 4) for part in (offset, by_gamma)
+    )
+    left = pieces.offset - np.sum(coefficients[:, None] * powers, axis=-1)
+    step = np.array([np.median(row[mask]) if mask.any() else 0.0 for row, mask in zip(pieces.step, seen, strict=True)])
+    on = np.abs(left) < _SAME_LINE
+    on &= (pieces.step * np.sign(step)[:, None] > _SAME_STEP * np.abs(step)[:, None]) & (
+        pieces.unexplained < _CLEAR
+    )
+    goes_on = on[:, :_BEYOND].all(axis=1) | on[:, -_BEYOND:].all(axis=1)
+    flat = seen.ravel()
+
+    def told(part: Floats) -> Floats:
+        return np.where(flat, part, 0).reshape(4, -1).sum(axis=1)
+
+    def typical(part: Floats) -> Floats:
+        rows = part.reshape(4, -1)
+        return np.array([np.median(row[mask]) if mask.any() else np.nan for row, mask in zip(rows, seen, strict=True)])
+
+    ratio = np.exp(pieces.step[seen])
+    uneven = float(np.std(ratio) / max(np.abs(np.mean(ratio) - 1), 1e-3)) if len(ratio) else 0.0
+    doubt = max(float(np.median(fit.pull_excess[flat])) if flat.any() else 1.0, _disagreement(fit, seen))
+    doubt += float(told(fit.weight).sum()) * (_TONE_OF_GROUND * uneven) ** 2
+    whole = EdgeFit(
+        coefficients,
+        np.stack([inverse[k : k + 4, k : k + 4] for k in range(0, 16, 4)]),
+        typical(fit.noise),
+        typical(fit.dark),
+        typical(fit.contrast),
+        typical(fit.blur),
+        slopes,
+        told(fit.pull),
+        told(fit.weight),
+        np.full(4, doubt),
+        np.ones(4),
+        fit.tone,
+    )
+    outline = meet(frame.corners[None], whole)
+    return Sides(frame.corners, coefficients, seen[:, own], goes_on, step, uneven, outline)
+
+
+def _disagreement(fit: EdgeFit, seen: Mask) -> float:
+    """Variance of what the sides say of the tone over that which each of them claims: a ground looks like a tone."""
+    pull, weight = (np.where(seen, part.reshape(seen.shape), 0).sum(axis=1) for part in (fit.pull, fit.weight))
+    apart = pull - weight * (pull.sum() / max(weight.sum(), 1e-9))
+    return float(np.sum(apart**2) / max(weight.sum(), 1e-9)) * 4 / 3
+
+
+def _ground(powers: Floats, variance: Floats, offset: Floats, prior: Floats) -> Floats:
+    """Covariance (P, P), px^2, of what the ground does to the pieces of a side, by the most likely of a few.
+
+    powers (4, P, 4), variance and offset (4, P) of the pieces, prior (16, 16): covariance of the coefficients. The
+    likelihood has the coefficients taken out of it, or what they explain would be missing from the ground.
+    """
+    distance = np.abs(np.subtract.outer(*2 * [np.arange(powers.shape[1])]))
+    shape = _AT_ONCE * np.exp(-distance / _ALIKE) + _ALONE * np.eye(len(distance))
+    seen = np.flatnonzero(variance.ravel() < _HIDDEN)
+    design = _diagonal(powers)
+    explained = (design @ prior @ design.T + np.diag(variance.ravel()))[np.ix_(seen, seen)]
+    shapes = _diagonal(np.broadcast_to(shape, (4, *shape.shape)))[np.ix_(seen, seen)]
+    values = offset.ravel()[seen]
+    best, most = 0.0, -np.inf
+    for amount in _GROUNDS:
+        root = np.linalg.cholesky(explained + amount**2 * shapes)
+        likelihood = -0.5 * float(np.sum(np.linalg.solve(root, values) ** 2)) - float(np.sum(np.log(np.diag(root))))
+        if likelihood > most:
+            best, most = amount, likelihood
+    return best**2 * (shape + _THROUGHOUT)
+
+
+def _diagonal(blocks: Floats) -> Floats:
+    """A matrix (4 R, 4 C) with blocks (4, R, C) along its diagonal."""
+    count, rows, columns = blocks.shape
+    whole = np.zeros((count, rows, count, columns))
+    whole[np.arange(count), :, np.arange(count)] = blocks
+    return whole.reshape(count * rows, count * columns)
