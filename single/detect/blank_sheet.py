@@ -13,9 +13,9 @@ from quadrig.single.subpixel.tone import USUAL_TONE, LightImage
 # Grey levels from sheet to ground.
 _LEAST_CONTRAST = 6.0
 # px to either side of an edge that the first and the last fits look at, or three blurs where that is more.
-_WIDE, _CLOSE = 8.0, 5.0
+_WIDE, _CLOSE = 8.0, 4.0
 # Share of a side's pieces, and of all, that must show it, and of a side from a corner to where it is first seen.
-_SEEN, _SEEN_OF_ALL, _FARTHEST = 0.25, 0.6, 0.75
+_SEEN, _SEEN_OF_ALL, _FARTHEST = 0.15, 0.55, 0.85
 # Factor between the steps of light, and between the light within, along two sides: a ground has textures, and a
 # shadow may take two thirds.
 _STEPS_APART, _LIGHTS_APART = 4.0, 4.0
@@ -143,7 +143,7 @@ def _blank(grey: Picture, corners: Floats, contrast: float) -> bool:
 
 def _undisputed(fitted: list[FoundSheet]) -> FoundSheet | None:
     """The largest sheet, if there is no other like it. Of two that share ground the one of clearer edges is meant."""
-    clear = [one for one in fitted if not any(_overlap(one, other) and other.contrast > one.contrast for other in fitted)]
+    clear = [one for one in fitted if all(not _overlap(one, two) or two.contrast <= one.contrast for two in fitted)]
     largest = max(clear, key=_area)
     rival = any(one is not largest and _area(one) > _RIVAL * _area(largest) for one in clear)
     return None if rival else largest
@@ -155,8 +155,9 @@ def _area(sheet: FoundSheet) -> float:
 
 def _overlap(one: FoundSheet, other: FoundSheet) -> bool:
     """Whether the middle of either lies within the other."""
-    pairs = ((one, other), (other, one))
-    return any(
-        cv2.pointPolygonTest(a.corners.astype(np.float32), tuple(b.corners.mean(axis=0).tolist()), False) >= 0
-        for a, b in pairs
-    )
+    return _holds(one, other) or _holds(other, one)
+
+
+def _holds(one: FoundSheet, other: FoundSheet) -> bool:
+    middle = other.corners.mean(axis=0).tolist()
+    return cv2.pointPolygonTest(one.corners.astype(np.float32), middle, measureDist=False) >= 0

@@ -1,7 +1,7 @@
 """Where a sheet may lie: quadrilaterals of four straight edges that are each seen over a good part of their length.
 
-Edges are put together from the line segments of a picture (von Gioi et al., LSD, 2010), which need no threshold of the
-whole picture and feel a long faint edge. A segment knows on which of its sides it is brighter, so the four sides of a
+Edges are put together from the line segments of a picture (von Gioi et al., LSD, 2010), which need no threshold for
+all of it and feel a long faint edge. A segment knows on which of its sides it is brighter, so the four sides of a
 sheet follow each other in one sense; what hides a part of an edge leaves a gap in its line and no more.
 """
 
@@ -15,10 +15,11 @@ from quadrig.single.detect.pictures import reduced
 
 # Search at no more pixels than this along the image's longer side: a sheet is large.
 SEARCH_SIDE = 640
+_Detector = tuple[int, float, float, float, float, float, float]
 # Of the segment detector: scale of the picture, blur at that scale, levels of gradient that are noise, degrees of
 # tolerance, 10 to the power of false alarms, density. Half scale finds 12 grey levels in noise of 2, and is quick.
-_COARSE = (cv2.LSD_REFINE_STD, 0.5, 0.6, 1.0, 22.5, 0.0, 0.7)
-_FINE = (cv2.LSD_REFINE_STD, 0.8, 0.6, 2.0, 22.5, 0.0, 0.7)
+_COARSE: _Detector = (cv2.LSD_REFINE_STD, 0.5, 0.6, 1.0, 22.5, 0.0, 0.7)
+_FINE: _Detector = (cv2.LSD_REFINE_STD, 0.8, 0.6, 2.0, 22.5, 0.0, 0.7)
 # px of the shortest segment, and of the shortest side of a sheet.
 _LEAST_SEGMENT, _LEAST_SIDE = 8.0, 16.0
 # Lines kept, those of most length times contrast; of a sheet on wood its sides are among the first ten.
@@ -73,7 +74,7 @@ def sheet_outlines(grey: Picture, fine: bool = False) -> list[Floats]:
     return [(quad + 0.5) / scale - 0.5 for quad in kept]
 
 
-def _pieces(grey: Picture, detector: tuple[int, float, float, float, float, float, float]) -> tuple[Floats, Floats, Ints]:
+def _pieces(grey: Picture, detector: _Detector) -> tuple[Floats, Floats, Ints]:
     """The segments of a picture in pieces: ends (P, 2, 2), grey levels (P,) across, and of which segment (P,).
 
     In pieces, for the grain of wood often prolongs a segment past a sheet's corner.
@@ -117,8 +118,8 @@ def _lines(ends: Floats, contrast: Floats, owner: Ints) -> list[_Line]:
         members = np.flatnonzero(free & like & near.all(axis=1) & (direction @ direction[own[0]] > _ALIGNED))
         if len(members):
             free[members] = False
-            weights = length[members]
-            lines.append(_line(ends[members], direction[own[0]], float(np.average(contrast[members], weights=weights))))
+            level = float(np.average(contrast[members], weights=length[members]))
+            lines.append(_line(ends[members], direction[own[0]], level))
     lines.sort(key=lambda line: -line.seen[-1] * line.contrast**2)
     return lines[:_LINES]
 

@@ -85,6 +85,19 @@ class Outline:
     fit: EdgeFit
 
 
+@dataclass(frozen=True)
+class EdgeOptions:
+    """most: lines of pixels across an edge that are looked at; more show little more of a straight edge. ground:
+    standard deviation of how the light outside changes from px to px away from the edge, as share of the contrast;
+    paper's does not, a table's does."""
+
+    most: int = 96
+    ground: float = 0.0
+
+
+_USUAL = EdgeOptions()
+
+
 def fit_edges(
     image: LightImage,
     start: Floats,
@@ -93,17 +106,13 @@ def fit_edges(
     reach: Floats,
     margin: Floats,
     bow: Floats | None = None,
-    most: int = 96,
-    ground: float = 0.0,
+    options: EdgeOptions = _USUAL,
 ) -> EdgeFit:
     """Fit the edges near the lines from start to end (N, 2) px.
 
     inside (N, 2): a point on the darker or lighter inner side, which gives the normal its sense (it points away).
     reach (N,): px to either side that belong to this edge alone. margin (N,): px at both ends to leave out.
     bow (N,): px by which the edge is known to bulge inwards between its ends (c2); straight where None.
-    most: lines of pixels across an edge that are looked at; more show little more of a straight edge.
-    ground: standard deviation of how the light outside changes from px to px away from the edge, as share of the
-    contrast; paper's does not, a table's does.
     """
     along = end - start
     length = np.linalg.norm(along, axis=1)
@@ -112,8 +121,8 @@ def fit_edges(
     middle = (start + end) / 2
     normal *= -np.sign(np.sum((inside - middle) * normal, axis=1))[:, None]
     bands = _Bands(middle, tangent, normal, length, reach, np.zeros(len(start)) if bow is None else bow)
-    u, offset, light, weight = _edge_samples(image, bands, margin, most)
-    return _edge_iterations(u, offset, light, weight, bands, image.tone, ground)
+    u, offset, light, weight = _edge_samples(image, bands, margin, options.most)
+    return _edge_iterations(u, offset, light, weight, bands, image.tone, options.ground)
 
 
 @dataclass(frozen=True, eq=False)
@@ -265,7 +274,7 @@ def fit_outline(
     rounded = 2.0 if blur is None else np.maximum(2.0, 2.5 * blur.reshape(-1))
     margin = np.minimum(np.maximum(rounded, 0.06 * length), 0.3 * length)
     flat_bow = None if bow is None else bow.reshape(-1)
-    fit = fit_edges(image, start, end, centre, reach.reshape(-1), margin, flat_bow, most)
+    fit = fit_edges(image, start, end, centre, reach.reshape(-1), margin, flat_bow, EdgeOptions(most))
     return meet(corners, fit)
 
 

@@ -12,15 +12,17 @@ from itertools import combinations
 import numpy as np
 
 from quadrig.single.arrays import Floats, Ints, Mask
-from quadrig.single.subpixel.edge_fit import EdgeFit, Outline, fit_edges, meet
+from quadrig.single.subpixel.edge_fit import EdgeFit, EdgeOptions, Outline, fit_edges, meet
 from quadrig.single.subpixel.tone import LightImage
 
 # Share of what a ground's light varies by along the sides by which it varies from px to px across them.
-_ACROSS = 0.1
+_ACROSS = 0.05
 # Standard deviation of the log gamma that an uneven ground looks like, over its unevenness.
-_TONE_OF_GROUND = 12.0
+_TONE_OF_GROUND = 30.0
 # Pieces of a side, px of the shortest, and of them beyond each of its ends.
-_PIECES, _SHORTEST, _BEYOND = 12, 6.0, 2
+_PIECES, _SHORTEST, _BEYOND = 24, 7.0, 2
+# Lines of pixels across a piece that are looked at.
+_LINES = 24
 # Share of a side at either end that a rounded corner may take, and blurs that blur rounds.
 _ROUNDED, _BLURRED = 0.06, 2.5
 # A piece shows the edge where the sigma of its place (px) and its noise over its contrast are below these, and its
@@ -30,12 +32,18 @@ _SHOWN, _CLEAR, _LEAST_STEP, _UNLIKE = 0.6, 0.35, 3.0, 3.0
 _AGREE, _NEAR, _FAR = 3.5, 0.35, 1.2
 # Standard deviation of what a lens does to a point in the picture's corner, as share of the way from the middle, and
 # of that part of a side's bow that follows no such cubic: share of it, and px at 100 px of a side of bent paper.
-_LENS, _NOT_CUBIC, _BENT = 0.25, 0.25, 0.05
-# px^2 that a piece which does not show the edge is off by; px of what a ground may do to a piece,
-# and its shares that are alike in some pieces on end, each piece's alone, and a side's throughout (grain along it).
+_LENS, _NOT_CUBIC, _BENT = 0.25, 0.15, 0.05
+# Share of its own bow by which a side is bent unlike at its two ends.
+_LOPSIDED = 0.5
+# Pieces beside a gap that are left out with it.
+_FROM_GAP = 2
+# px^2 that a piece which does not show the edge is off by.
 _HIDDEN = 1e6
+# px that a ground may do to a piece: shares of it are alike over a part of half a side, and each piece's alone.
 _GROUNDS = (0.0, 0.01, 0.02, 0.03, 0.045, 0.065, 0.1, 0.15, 0.22)
-_ALIKE, _AT_ONCE, _ALONE, _THROUGHOUT = 3.0, 0.8, 0.2, 0.7
+_ALIKE, _AT_ONCE, _ALONE = 0.4, 0.8, 0.2
+# px by which grain along a side shifts all of it, over the ground's unevenness: nothing in the side shows that.
+_GRAIN = 1.0
 # Share of a side's step that what goes on beyond its end must have, and px beside the side's own curve.
 _SAME_STEP, _SAME_LINE = 0.65, 1.5
 
@@ -58,7 +66,9 @@ class Sides:
     outline: Outline
 
 
-def fit_sides(image: LightImage, corners: Floats, bow: Floats, reach: float, blur: float, middle: Floats, ground: float) -> Sides:
+def fit_sides(
+    image: LightImage, corners: Floats, bow: Floats, reach: float, blur: float, middle: Floats, ground: float
+) -> Sides:
     """Fit the sides near those between corners (4, 2) px with coefficients (4, 4) of an earlier fit.
 
     reach: px to either side that belong to an edge alone. blur: px, as far as known. middle (2,) px: of the whole
@@ -71,15 +81,17 @@ def fit_sides(image: LightImage, corners: Floats, bow: Floats, reach: float, blu
     start, end = ends[:, :-1].reshape(-1, 2), ends[:, 1:].reshape(-1, 2)
     # Beyond a corner, too, inside is where the side has it.
     inside = (start + end) / 2 - np.repeat(frame.normal, places.shape[1] - 1, axis=0) * reach
-    fit = fit_edges(image, start, end, inside, np.full(len(start), reach), np.zeros(len(start)), most=24, ground=_ACROSS * ground)
+    reaches, margins = np.full(len(start), reach), np.zeros(len(start))
+    options = EdgeOptions(_LINES, _ACROSS * ground)
+    fit = fit_edges(image, start, end, inside, reaches, margins, options=options)
     pieces = _Pieces.of(frame, fit, start, end)
     own = np.arange(count) + _BEYOND + 1
-    bows = _bow_prior(frame, middle)
+    bows, own_bows = _bow_prior(frame, middle)
     shown = pieces.shown(own)
     agreeing = np.stack([_agreeing(pieces, side, shown[side], np.sqrt(bows[side, side])) for side in range(4)])
     seen = np.zeros_like(shown)
-    seen[:, own] = agreeing[:, own]
-    return _joined(frame, pieces, seen, own, bows, fit)
+    seen[:, own] = _clear_of_gaps(agreeing[:, own])
+    return _joined(frame, pieces, seen, own, _prior(bows, own_bows), fit)
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,13 +133,15 @@ def _places(half: Floats, count: int, blur: float) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class _Pieces:
-    """Of each side (4, P): u, offset px, its variance, by_gamma px, step, grey contrast, noise over contrast."""
+    """Of each side (4, P): u, offset px, its variance, by_gamma px, light inside and outside, grey contrast, noise
+    over contrast; step: logarithm of the light outside over that inside."""
 
     u: Floats
     offset: Floats
     variance: Floats
     by_gamma: Floats
-    step: Floats
+    inner: Floats
+    outer: Floats
     contrast: Floats
     unexplained: Floats
 
@@ -137,11 +151,7 @@ class _Pieces:
         along /= np.linalg.norm(along, axis=1)[:, None]
         normal = np.stack([along[:, 1], -along[:, 0]], axis=1).reshape(4, -1, 2)
         normal *= np.sign(np.sum(normal * frame.normal[:, None], axis=-1, keepdims=True))
-        shift = (
-            middle.reshape(4, -1, 2)
-            + normal * fit.coefficients[:, 0].reshape(4, -1, 1)
-            - frame.middle[:, None]
-        )
+        shift = middle.reshape(4, -1, 2) + normal * fit.coefficients[:, 0].reshape(4, -1, 1) - frame.middle[:, None]
         light = np.maximum(np.stack([fit.dark, fit.dark + fit.contrast]), 0.1)
         steep = np.maximum(np.abs(fit.contrast), 1e-3)
         parts = (
@@ -149,17 +159,34 @@ class _Pieces:
             np.sum(shift * frame.normal[:, None], axis=-1),
             fit.covariance[:, 0, 0],
             fit.by_gamma[:, 0],
-            np.log(light[1] / light[0]),
+            light[0],
+            light[1],
             fit.grey_contrast,
             fit.noise / steep,
         )
         return _Pieces(*(part.reshape(4, -1) for part in parts))
 
+    @property
+    def step(self) -> Floats:
+        return np.log(self.outer / self.inner)
+
+    def unevenness(self, seen: Mask) -> float:
+        """Standard deviation of the ground's light over the contrast. A shadow takes the same share of both sides'
+        light, and what is dark is none the surer of its share."""
+        if not seen.any():
+            return 0.0
+        inner, outer = self.inner[seen], self.outer[seen]
+        ratio = outer / inner
+        beside, alone = np.std(ratio) / np.abs(np.mean(ratio) - 1), np.std(outer) / np.mean(np.abs(outer - inner))
+        return float(min(beside, alone))
+
     def shown(self, own: Ints) -> Mask:
         """Which pieces (4, P) show a clear step, of the sense that most of all sides' have."""
         contrast = np.nan_to_num(self.contrast)
         sense = np.sign(np.median(contrast[:, own]))
-        clear = np.isfinite(self.offset) & (self.variance > 0) & (self.variance < _SHOWN**2) & (self.unexplained < _CLEAR)
+        clear = (
+            np.isfinite(self.offset) & (self.variance > 0) & (self.variance < _SHOWN**2) & (self.unexplained < _CLEAR)
+        )
         clear &= contrast * sense > _LEAST_STEP
         for side in range(4):
             good = clear[side, own]
@@ -191,61 +218,58 @@ def _agreeing(pieces: _Pieces, side: int, shown: Mask, bow: float) -> Mask:
     return shown & (apart[best] < 1)
 
 
-def _bow_prior(frame: _Frame, middle: Floats) -> Floats:
-    """Covariance (4, 4) px^2 of the sides' bows: what one cubic lens bends them by, and what is each one's own."""
+def _clear_of_gaps(seen: Mask) -> Mask:
+    """Pieces (4, K) with no gap near them: what hides an edge lies along it for a little before it leaves it."""
+    count = seen.shape[1]
+    around = np.pad(seen, ((0, 0), (_FROM_GAP, _FROM_GAP)), constant_values=True)
+    return np.all([around[:, k : k + count] for k in range(2 * _FROM_GAP + 1)], axis=0)
+
+
+def _bow_prior(frame: _Frame, middle: Floats) -> tuple[Floats, Floats]:
+    """Covariance (4, 4) px^2 of the sides' bows: what one cubic lens bends them by and what is each one's own; and
+    variance (4,) of that."""
     size = np.sum(middle**2)
     height = np.sum((frame.middle - middle) * frame.normal, axis=1)
     cubic = _LENS * height * frame.half**2 / size
     own = np.hypot(_NOT_CUBIC * cubic, _BENT * (2 * frame.half / 100) ** 2 + 0.02)
-    return np.outer(cubic, cubic) + np.diag(own**2)
+    return np.outer(cubic, cubic) + np.diag(own**2), own**2
 
 
-def _joined(frame: _Frame, pieces: _Pieces, seen: Mask, own: Ints, bows: Floats, fit: EdgeFit) -> Sides:
-    """All four sides by least squares: their lines are each one's own, their bows hang together."""
-    powers = pieces.u[..., None] ** np.arange(4)
+def _prior(bows: Floats, own: Floats) -> Floats:
+    """Precision (16, 16) of the sides' coefficients: lines anywhere, bows of a lens, and a little lopsided."""
     prior = np.zeros((16, 16))
-    prior[2::4, 2::4], prior[3::4, 3::4] = np.linalg.inv(bows), np.diag(1 / (_NOT_CUBIC**2 * np.diag(bows)))
+    prior[2::4, 2::4], prior[3::4, 3::4] = np.linalg.inv(bows), np.diag(1 / (_LOPSIDED**2 * own))
     prior[0::4, 0::4] = prior[1::4, 1::4] = 1e-6 * np.eye(4)
-    # What hides a piece hides it wholly.
-    variance = np.where(seen, np.maximum(pieces.variance, 1e-6), _HIDDEN)
-    offset, by_gamma = (np.where(seen, part, 0) for part in (pieces.offset, pieces.by_gamma))
-    ground = _ground(powers, variance, offset, np.linalg.inv(prior))
-    weight = np.linalg.inv(variance[:, None] * np.eye(seen.shape[1]) + ground)
-    solve = np.swapaxes(powers, 1, 2) @ weight
-    inverse = np.linalg.inv(prior + _diagonal(solve @ powers))
-    coefficients, slopes = (
-        (inverse @ (solve @ part[..., None]).reshape(16)).reshape(4, 4) for part in (offset, by_gamma)
-    )
-    left = pieces.offset - np.sum(coefficients[:, None] * powers, axis=-1)
-    step = np.array([np.median(row[mask]) if mask.any() else 0.0 for row, mask in zip(pieces.step, seen, strict=True)])
-    on = np.abs(left) < _SAME_LINE
-    on &= (pieces.step * np.sign(step)[:, None] > _SAME_STEP * np.abs(step)[:, None]) & (
-        pieces.unexplained < _CLEAR
-    )
+    return prior
+
+
+def _joined(frame: _Frame, pieces: _Pieces, seen: Mask, own: Ints, prior: Floats, fit: EdgeFit) -> Sides:
+    """All four sides by least squares: their lines are each one's own, their bows hang together."""
+    uneven = pieces.unevenness(seen)
+    coefficients, slopes, inverse = _solved(pieces, seen, prior, uneven)
+    step = _typical(pieces.step, seen)
+    left = pieces.offset - np.sum(coefficients[:, None] * pieces.u[..., None] ** np.arange(4), axis=-1)
+    same = pieces.step * np.sign(step)[:, None] > _SAME_STEP * np.abs(step)[:, None]
+    on = same & (np.abs(left) < _SAME_LINE) & (pieces.unexplained < _CLEAR)
     goes_on = on[:, :_BEYOND].all(axis=1) | on[:, -_BEYOND:].all(axis=1)
-    flat = seen.ravel()
-
-    def told(part: Floats) -> Floats:
-        return np.where(flat, part, 0).reshape(4, -1).sum(axis=1)
-
-    def typical(part: Floats) -> Floats:
-        rows = part.reshape(4, -1)
-        return np.array([np.median(row[mask]) if mask.any() else np.nan for row, mask in zip(rows, seen, strict=True)])
-
-    ratio = np.exp(pieces.step[seen])
-    uneven = float(np.std(ratio) / max(np.abs(np.mean(ratio) - 1), 1e-3)) if len(ratio) else 0.0
-    doubt = max(float(np.median(fit.pull_excess[flat])) if flat.any() else 1.0, _disagreement(fit, seen))
-    doubt += float(told(fit.weight).sum()) * (_TONE_OF_GROUND * uneven) ** 2
+    pull, weight, excess = (part.reshape(seen.shape) for part in (fit.pull, fit.weight, fit.pull_excess))
+    pull, weight = (np.where(seen, part, 0).sum(axis=1) for part in (pull, weight))
+    doubt = max(float(np.median(excess[seen])) if seen.any() else 1.0, _disagreement(pull, weight))
+    doubt += float(weight.sum()) * (_TONE_OF_GROUND * uneven) ** 2
+    noise, dark, contrast, blur = (
+        _typical(part.reshape(seen.shape), seen) for part in (fit.noise, fit.dark, fit.contrast, fit.blur)
+    )
+    covariance = np.stack([inverse[k : k + 4, k : k + 4] for k in range(0, 16, 4)])
     whole = EdgeFit(
         coefficients,
-        np.stack([inverse[k : k + 4, k : k + 4] for k in range(0, 16, 4)]),
-        typical(fit.noise),
-        typical(fit.dark),
-        typical(fit.contrast),
-        typical(fit.blur),
+        covariance,
+        noise,
+        dark,
+        contrast,
+        blur,
         slopes,
-        told(fit.pull),
-        told(fit.weight),
+        pull,
+        weight,
         np.full(4, doubt),
         np.ones(4),
         fit.tone,
@@ -254,11 +278,31 @@ def _joined(frame: _Frame, pieces: _Pieces, seen: Mask, own: Ints, bows: Floats,
     return Sides(frame.corners, coefficients, seen[:, own], goes_on, step, uneven, outline)
 
 
-def _disagreement(fit: EdgeFit, seen: Mask) -> float:
-    """Variance of what the sides say of the tone over that which each of them claims: a ground looks like a tone."""
-    pull, weight = (np.where(seen, part.reshape(seen.shape), 0).sum(axis=1) for part in (fit.pull, fit.weight))
-    apart = pull - weight * (pull.sum() / max(weight.sum(), 1e-9))
-    return float(np.sum(apart**2) / max(weight.sum(), 1e-9)) * 4 / 3
+def _solved(pieces: _Pieces, seen: Mask, prior: Floats, uneven: float) -> tuple[Floats, Floats, Floats]:
+    """Coefficients (4, 4) of the sides, how they change with the tone's log gamma, and their covariance (16, 16)."""
+    powers = pieces.u[..., None] ** np.arange(4)
+    # What hides a piece hides it wholly.
+    variance = np.where(seen, np.maximum(pieces.variance, 1e-6), _HIDDEN)
+    offset, by_gamma = (np.where(seen, part, 0) for part in (pieces.offset, pieces.by_gamma))
+    ground = _ground(powers, variance, offset, np.linalg.inv(prior)) + (_GRAIN * uneven) ** 2
+    solve = np.swapaxes(powers, 1, 2) @ np.linalg.inv(variance[:, None] * np.eye(seen.shape[1]) + ground)
+    inverse = np.linalg.inv(prior + _diagonal(solve @ powers))
+    coefficients, slopes = (
+        (inverse @ (solve @ part[..., None]).reshape(16)).reshape(4, 4) for part in (offset, by_gamma)
+    )
+    return coefficients, slopes, inverse
+
+
+def _typical(part: Floats, seen: Mask) -> Floats:
+    """Median (4,) of values (4, P) over the pieces seen; nan where none is."""
+    return np.array([np.median(row[mask]) if mask.any() else np.nan for row, mask in zip(part, seen, strict=True)])
+
+
+def _disagreement(pull: Floats, weight: Floats) -> float:
+    """Variance of what the sides (4,) say of the tone over that which they claim: a ground looks like a tone."""
+    total = max(float(weight.sum()), 1e-9)
+    apart = pull - weight * (float(pull.sum()) / total)
+    return float(np.sum(apart**2)) / total * 4 / 3
 
 
 def _ground(powers: Floats, variance: Floats, offset: Floats, prior: Floats) -> Floats:
@@ -267,7 +311,7 @@ def _ground(powers: Floats, variance: Floats, offset: Floats, prior: Floats) -> 
     powers (4, P, 4), variance and offset (4, P) of the pieces, prior (16, 16): covariance of the coefficients. The
     likelihood has the coefficients taken out of it, or what they explain would be missing from the ground.
     """
-    distance = np.abs(np.subtract.outer(*2 * [np.arange(powers.shape[1])]))
+    distance = np.abs(powers[0, :, None, 1] - powers[0, None, :, 1])
     shape = _AT_ONCE * np.exp(-distance / _ALIKE) + _ALONE * np.eye(len(distance))
     seen = np.flatnonzero(variance.ravel() < _HIDDEN)
     design = _diagonal(powers)
@@ -280,7 +324,7 @@ def _ground(powers: Floats, variance: Floats, offset: Floats, prior: Floats) -> 
         likelihood = -0.5 * float(np.sum(np.linalg.solve(root, values) ** 2)) - float(np.sum(np.log(np.diag(root))))
         if likelihood > most:
             best, most = amount, likelihood
-    return best**2 * (shape + _THROUGHOUT)
+    return best**2 * shape
 
 
 def _diagonal(blocks: Floats) -> Floats:

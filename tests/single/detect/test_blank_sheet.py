@@ -1,0 +1,80 @@
+"""Blank sheets where people lay them: on wood, cloth and light tables, in shadows, under hands."""
+
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+from quadrig.single.detect.image_search import detect_views
+from quadrig.single.detect.sheet_outlines import sheet_outlines
+
+FOUND_EASILY = ("plain", "wood", "cloth", "light table", "sharp shadow", "soft shadow", "rounded 8 mm")
+
+
+@pytest.fixture(scope="module")
+def scenes(load_script) -> ModuleType:
+    return load_script("benchmarks/corners.py")
+
+
+def errors(scenes: ModuleType, kind: str, numbers: range) -> list:
+    sheet = scenes.MARKED["sheet"]
+    pictures = [scenes.on_a_table(kind, number) for number in numbers]
+    return [scenes.error(view, pose) for image, pose in pictures for view in detect_views(image, [sheet])]
+
+
+@pytest.mark.parametrize("kind", [*FOUND_EASILY, "hand on edge", "hand on corner"])
+def test_a_sheet_on_a_table_is_found_where_it_is(scenes, kind):
+    numbers = range(30, 36)
+    found = errors(scenes, kind, numbers)
+    assert len(found) >= len(numbers) - 1
+    gaps = np.concatenate([one.gap for one in found])
+    # A hidden corner may be off by more than a seen one, and says so.
+    assert np.abs(gaps).max() < (1.5 if kind.startswith("hand") else 0.8)
+    assert np.sqrt(np.mean(gaps**2)) < 0.2
+    distances = np.concatenate([one.distance for one in found])
+    assert distances.max() < 5.5
+    assert np.mean(distances**2 < scenes.REGION_95) > 0.8
+
+
+def test_the_edge_of_a_shadow_is_no_side_of_a_sheet(scenes):
+    for number in range(40, 46):
+        image, pose = scenes.on_a_table("sharp shadow", number)
+        for view in detect_views(image, [scenes.MARKED["sheet"]]):
+            assert np.abs(scenes.error(view, pose).gap).max() < scenes.WRONG
+
+
+def test_a_table_without_a_sheet_shows_none(scenes):
+    for kind in ("wood", "cloth"):
+        rng = np.random.default_rng(3)
+        where = scenes.Pose(np.eye(3), np.array([0.0, 0, 0.9]))
+        bare = scenes.render_image(
+            scenes.GRID, scenes.Pose.identity(), [scenes.table(kind, rng, where)], colour=False, rng=rng
+        )
+        assert detect_views(bare, [scenes.MARKED["sheet"]]) == []
+
+
+def test_the_outline_of_a_sheet_survives_a_gap_in_an_edge(scenes):
+    image, pose = scenes.on_a_table("plain", 30)
+    truth = scenes.LENS.project(pose.transform(scenes.MARKED["sheet"].corners))
+    middle, inward = (truth[0] + truth[1]) / 2, truth.mean(axis=0)
+    x, y = np.rint(middle + 0.05 * (inward - middle)).astype(int)
+    image[y - 25 : y + 26, x - 25 : x + 26] = 120
+    (quad, *_) = sheet_outlines(image)
+    near = [np.abs(quad - corner).max(axis=1).min() for corner in truth]
+    assert max(near) < 4
+
+
+def test_a_corner_far_from_what_is_seen_says_so(scenes):
+    """One whose side is hidden next to it is unsure along the other side, beyond the error of the rest."""
+    sheet = scenes.MARKED["sheet"]
+    image, pose = scenes.on_a_table("plain", 31)
+    truth = scenes.LENS.project(pose.transform(sheet.corners))
+    spot = truth[0] + 0.15 * (truth[1] - truth[0])
+    x, y = np.rint(spot).astype(int)
+    open_view = detect_views(image, [sheet])[0]
+    image[y - 24 : y + 25, x - 24 : x + 25] = 120
+    (view,) = detect_views(image, [sheet])
+    hidden, sure = ((np.linalg.norm(one.common, axis=1)) for one in (view, open_view))
+    corner = np.argmin(np.linalg.norm(view.pixels - truth[0], axis=1))
+    assert hidden[corner] > 2 * np.max(sure)
+    assert scenes.error(view, pose).distance.max() < 5
