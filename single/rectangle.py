@@ -85,6 +85,10 @@ class Marking:
         """What a picture can show of it; two markings that share one of these look alike."""
         return frozenset() if self.tags is None else frozenset((self.tags.family, tag) for tag in self.tags.ids)
 
+    def meant_instead(self, _grey: Picture, /) -> "Sequence[Marking]":
+        """What may be meant where a picture does not show this: its sizes counted otherwise, the other polarity."""
+        return ()
+
     def scaled(self, _scale: float, /) -> Self:
         """The marking as a printer of this scale made it, its lengths rounded to a micrometre."""
         return self

@@ -10,10 +10,12 @@ from quadrig.io.config.known_sizes import PAPER_SIZES
 from quadrig.io.recording.decode_image import UndecodableImage, decode_file
 from quadrig.io.recording.picture_header import read_header
 from quadrig.io.report.single import json_report, text_report
+from quadrig.io.search.plain_sights import sight_sentence
 from quadrig.rig.words import read_length
 from quadrig.single.arrays import Picture
 from quadrig.single.calibration import Distortion, calibrate_view
 from quadrig.single.detect.image_search import detect_views
+from quadrig.single.detect.pictures import grey_image
 from quadrig.single.errors import QuadrigError
 from quadrig.single.markings.blank_sheet import PlainMarking
 from quadrig.single.markings.charuco import CharucoMarking
@@ -229,5 +231,6 @@ def _rectangle(size: tuple[float, float] | None, marking: Marking) -> Rectangle:
 def _found(picture: Picture, rectangle: Rectangle, path: Path) -> View:
     views = detect_views(picture, [rectangle])
     if not views:
-        raise QuadrigError(f"{path}: {rectangle.marking.not_found}, or give --corners by hand")
+        sight = sight_sentence(str(path), [grey_image(picture)], [rectangle])
+        raise QuadrigError(sight or f"{path}: {rectangle.marking.not_found}, or give --corners by hand")
     return views[0]

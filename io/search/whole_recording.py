@@ -1,7 +1,7 @@
 """The whole walk: recording -> framesets -> Views -> Rig. All that calibrates a recording goes this way."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from quadrig.io.config.rig_toml import RigConfig
@@ -11,6 +11,7 @@ from quadrig.io.search.choose_frames import choose_frames
 from quadrig.io.search.corner_views import corner_views, without_corners
 from quadrig.io.search.detections import Detections, find_detections
 from quadrig.io.search.effort import EVERY_IMAGE, Effort
+from quadrig.io.search.plain_sights import plain_sights
 from quadrig.rig.calibration import calibrate
 from quadrig.rig.problem.camera_input import CameraInput
 from quadrig.rig.result import Rig
@@ -20,13 +21,15 @@ from quadrig.single.view import View
 
 @dataclass(frozen=True, eq=False)
 class Searched:
-    """What a recording showed of the rectangles of a rig.toml, ready to be calibrated."""
+    """What a recording showed of the rectangles of a rig.toml, ready to be calibrated. sights: what cameras that saw
+    none of them show instead, in sentences."""
 
     config: RigConfig
     recording: Recording
     framesets: Framesets
     detections: Detections
     cameras: tuple[CameraInput, ...]
+    sights: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def views(self) -> list[View]:
@@ -80,7 +83,8 @@ def search_recording(
     sought = [rectangle for rectangle in config.rectangles if not rectangle.marking.by_hand]
     detections = find_detections(recording, framesets, sought, effort)
     detections = replace(detections, views=[*detections.views, *pointed])
-    return Searched(config, recording, framesets, detections, tuple(camera_inputs(recording, config)))
+    sights = plain_sights(recording, framesets, detections.views, sought, effort)
+    return Searched(config, recording, framesets, detections, tuple(camera_inputs(recording, config)), sights)
 
 
 def _opened(paths: Sequence[Path | str] | Path | str, config: RigConfig, rate: float | None) -> Recording:
@@ -106,8 +110,12 @@ def _opened(paths: Sequence[Path | str] | Path | str, config: RigConfig, rate: f
 
 def calibrate_searched(searched: Searched) -> Rig:
     """The rig that the Views of a recording show. Raises QuadrigError as calibrate does."""
-    config = searched.config
-    return calibrate(searched.cameras, config.rectangles, searched.views, config.reference)
+    config, sights = searched.config, searched.sights
+    try:
+        rig = calibrate(searched.cameras, config.rectangles, searched.views, config.reference)
+    except QuadrigError as error:
+        raise QuadrigError("; ".join([str(error), *dict.fromkeys(sights.values())])) from error
+    return replace(rig, missing={name: sights.get(name, why) for name, why in rig.missing.items()})
 
 
 def camera_inputs(recording: Recording, config: RigConfig) -> list[CameraInput]:

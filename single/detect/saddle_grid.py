@@ -5,6 +5,7 @@ Neighbours in the grid have bright and dark exchanged, which distinguishes them 
 """
 
 from dataclasses import dataclass
+from itertools import islice
 
 import cv2
 import numpy as np
@@ -51,6 +52,33 @@ def find_saddle_grid(grey: Picture, columns: int, rows: int) -> Floats | None:
         if grid is not None:
             return (grid + 0.5) / scale - 0.5
     return None
+
+
+def largest_grid(grey: Picture) -> tuple[int, int] | None:
+    """Columns and rows of inner corners of the largest board that the saddles show, without its ragged edges; None
+    where there are less than three of either."""
+    best = (0, 0)
+    for scale in (0.5, 1.0):
+        if min(grey.shape) * scale < 60:
+            continue
+        saddles = find_saddles(reduced(grey, scale))
+        tried = np.zeros(len(saddles.places), bool)
+        seeds = (
+            (seed, start) for seed in range(len(tried)) if not tried[seed] and (start := _first_square(saddles, seed))
+        )
+        for seed, start in islice(seeds, _SEEDS):
+            grown = _grow(saddles, seed, *start)
+            tried[list(grown.values())] = True
+            places = np.array(list(grown))
+            columns, rows = (int(np.sum(np.bincount(k - k.min()) > _SEEN_SHARE * _usual(k))) for k in places.T)
+            if min(columns, rows) > 2 and columns * rows > best[0] * best[1]:
+                best = (columns, rows)
+    return best if best != (0, 0) else None
+
+
+def _usual(line: Ints) -> float:
+    """How many saddles most of the lines hold, from the number of each saddle's line."""
+    return float(np.median(np.bincount(line - line.min())))
 
 
 def find_saddles(grey: Picture) -> Saddles:

@@ -15,7 +15,8 @@ from quadrig.single.detect.board_corners import (
     good_corners,
     view_sigma,
 )
-from quadrig.single.rectangle import FoundTags
+from quadrig.single.detect.dictionaries import tag_cells
+from quadrig.single.rectangle import FoundTags, TagFamily
 from quadrig.single.subpixel.corner_fit import fit_corners
 from quadrig.single.subpixel.local_homography import local_homographies, mapped
 from quadrig.single.subpixel.tone import LightImage, Tone
@@ -23,8 +24,15 @@ from quadrig.single.subpixel.tone import LightImage, Tone
 # Squares from a tag's corner to the corners of its own square, and from a corner to the next: what lies farther is
 # found from those, and from those in turn, for a prediction from few tags goes astray beyond.
 _BESIDE, _NEXT, _ROUNDS = 0.7, 1.5, 3
+# Corners of a tag's square that must have been found for its bits to be looked at.
+_CORNERS_OF_A_SQUARE = 3
 # px from the plane of most corners beyond which a corner is looked for anew.
 _PLANE = 2.0
+# Share of a board's tags, where so many are seen, that lie on it together if it is the one that is meant.
+_AGREEING, _ENOUGH_TAGS = 0.6, 4
+# Tags that agree on where the board is by no chance. Of fewer, the bits of the other tags in sight must be right more
+# often than by chance, by so many sigmas of it: a board that is another, or mirrored, had a tag that was misread.
+_SURE_TAGS, _NO_CHANCE = 3, 3.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,7 +42,7 @@ class TaggedBoard:
     corners (P, 2): where four squares meet; signs (P,): 1 where the square at the top left of a corner is dark, -1
     where it is light. square: the board's own step; cell: side of the smallest of the squares around a corner; clear:
     share of it around the squares' edges that is free of print.
-    tags: corners (4, 2) of each tag by its id, top left first and clockwise.
+    tags: corners (4, 2) of each tag by its id, top left first and clockwise; family: which tags they are.
     """
 
     corners: Floats
@@ -43,6 +51,7 @@ class TaggedBoard:
     cell: float
     clear: float
     tags: Mapping[int, Floats]
+    family: TagFamily
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +91,37 @@ def find_board(grey: Picture, board: TaggedBoard, found: FoundTags) -> FoundCorn
     good &= _smooth(board, pixels_found, good)
     if not _spans_plane(board.corners[good] / board.square):
         return None
+    if len(tags) < _SURE_TAGS and not _bears_its_tags(grey, board, tags, board.corners[good], pixels_found[good]):
+        return None
     return FoundCorners(np.flatnonzero(good), pixels_found[good], view_sigma(sigma[good]))
+
+
+def _bears_its_tags(grey: Picture, board: TaggedBoard, read: Floats, known: Floats, pixels: Floats) -> bool:
+    """Whether the bits of the tags between known corners (K, 2) m, seen at pixels (K, 2), are those of the board.
+
+    read (N, 4, 2): corners m of the tags that said so, and are no witnesses.
+    """
+    wrong = bits = 0
+    for tag, quad in board.tags.items():
+        distance = np.abs(known - quad.mean(axis=0)).max(axis=1)
+        near = np.argsort(distance, kind="stable")[:8]
+        witness = not (read == quad).all(axis=(1, 2)).any()
+        if not witness or np.count_nonzero(distance < board.square) < _CORNERS_OF_A_SQUARE:
+            continue
+        white = tag_cells(board.family.dictionary, tag, board.family.border)[1:-1, 1:-1] != board.family.inverted
+        cells = len(white) + 2
+        across, down = quad[1] - quad[0], quad[3] - quad[0]
+        row, column = (np.indices(white.shape).reshape(2, -1, 1) + 1.5) / cells
+        around = (quad[0] + column * across + row * down - quad.mean(axis=0)) / board.square
+        local = local_homographies((known[near] - quad.mean(axis=0))[None] / board.square, pixels[near][None])
+        seen = mapped(local, around[None])[0]
+        if not np.isfinite(seen).all() or (seen < 0).any() or (seen > np.array(grey.shape[::-1]) - 1).any():
+            continue
+        x, y = np.rint(seen).astype(int).T
+        values = grey[y, x].astype(float)
+        wrong += np.count_nonzero((values > (values.min() + values.max()) / 2) != white.ravel())
+        bits += white.size
+    return wrong <= max(bits / 2 - _NO_CHANCE * np.sqrt(bits) / 2, 0)
 
 
 def _on_one_plane(points: Floats, pixels: Floats) -> Mask:
@@ -130,6 +169,9 @@ def _agreeing(tags: Floats, pixels: Floats) -> tuple[Floats, Floats]:
         return tags[:0], pixels[:0]
     predicted = cv2.perspectiveTransform(tags.reshape(-1, 1, 2) * 1e3, homography).reshape(-1, 4, 2)
     near = np.linalg.norm(predicted - pixels, axis=2).max(axis=1) < max(4.0, 0.5 * side)
+    if len(near) >= _ENOUGH_TAGS and np.mean(near) < _AGREEING:
+        # The print of another board: half of its tags agree by chance where it is of another size or pattern.
+        return tags[:0], pixels[:0]
     return tags[near], pixels[near]
 
 

@@ -5,7 +5,7 @@ from typing import ClassVar, Self
 
 import numpy as np
 
-from quadrig.single.arrays import Floats, Mask
+from quadrig.single.arrays import Floats, Mask, Picture
 from quadrig.single.detect.dictionaries import canonical_dictionary, check_tag_ids, tag_cells
 from quadrig.single.detect.tagged_board import TaggedBoard
 from quadrig.single.errors import QuadrigError
@@ -77,7 +77,16 @@ class AprilGridMarking(TaggedMarking):
             min(self.border * self.tag / cells / gap, 1.0),
             # The dictionary's tags stand on their heads against Kalibr's, whose bottom right is thus their top left.
             {self.first_id + offset: quad for offset, quad in enumerate(corners)},
+            self.tags.family,
         )
+
+    def meant_instead(self, _grey: Picture, /) -> "list[AprilGridMarking]":
+        return [
+            replace(self, columns=columns, rows=rows, border=border)
+            for border in (self.border, 3 - self.border)
+            for columns, rows in ((self.columns, self.rows), (self.rows, self.columns))
+            if border > 0
+        ]
 
     def scaled(self, scale: float, /) -> Self:
         return replace(self, tag=round(self.tag * scale, 6))

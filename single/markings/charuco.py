@@ -5,8 +5,8 @@ from typing import ClassVar, Self
 
 import numpy as np
 
-from quadrig.single.arrays import Floats
-from quadrig.single.detect.dictionaries import canonical_dictionary, check_tag_ids
+from quadrig.single.arrays import Floats, Picture
+from quadrig.single.detect.dictionaries import canonical_dictionary, check_tag_ids, dictionary_size
 from quadrig.single.detect.tag import EQ4_FROM_OPENCV
 from quadrig.single.detect.tagged_board import TaggedBoard
 from quadrig.single.errors import QuadrigError
@@ -75,7 +75,20 @@ class CharucoMarking(TaggedMarking, BoardMarking):
             self.square,
             (1 - self.marker / self.square) / 2,
             self._tag_corners(),
+            self.tags.family,
         )
+
+    def meant_instead(self, _grey: Picture, /) -> "list[CharucoMarking]":
+        sizes = [(self.columns, self.rows), (self.columns + 1, self.rows + 1), (self.rows, self.columns)]
+        kinds = [(legacy, inverted) for inverted in (self.inverted, not self.inverted) for legacy in (False, True)]
+        # Another dictionary may hold too few tags for the larger board.
+        most = dictionary_size(self.dictionary) - self.first_id
+        return [
+            replace(self, columns=columns, rows=rows, legacy=legacy, inverted=inverted)
+            for legacy, inverted in kinds
+            for columns, rows in sizes
+            if (columns * rows + 1) // 2 <= most
+        ]
 
     def scaled(self, scale: float, /) -> Self:
         return replace(super().scaled(scale), marker=round(self.marker * scale, 6))

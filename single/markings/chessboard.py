@@ -9,6 +9,7 @@ import numpy as np
 from quadrig.single.arrays import Floats, Ints, Picture
 from quadrig.single.detect.chessboard import find_chessboard
 from quadrig.single.detect.pictures import window_around
+from quadrig.single.detect.saddle_grid import largest_grid
 from quadrig.single.markings.boards import BoardMarking
 from quadrig.single.patch import Patch
 from quadrig.single.rectangle import FoundTags, Rectangle
@@ -30,6 +31,14 @@ class ChessboardMarking(BoardMarking):
     @property
     def marks(self) -> frozenset[Hashable]:
         return frozenset([("chessboard", *sorted((self.columns, self.rows)))])
+
+    def meant_instead(self, grey: Picture, /) -> "list[ChessboardMarking]":
+        grid = largest_grid(grey)
+        if grid is None:
+            return []
+        longer, shorter = max(grid) + 1, min(grid) + 1
+        sides = (longer, shorter) if self.columns >= self.rows else (shorter, longer)
+        return [ChessboardMarking(*sides, self.square)] if sides != (self.columns, self.rows) else []
 
     def patches(self, _rectangle: Rectangle, sheet: Patch, /) -> list[Patch]:
         return [sheet, *self.ink_patches(first_ink=0)]

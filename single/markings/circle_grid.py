@@ -78,6 +78,14 @@ class CircleGridMarking(Marking):
         """Metres from a circle's middle to the nearest other."""
         return self.spacing * (np.sqrt(2.0) if self.asymmetric else 1.0)
 
+    def meant_instead(self, _grey: Picture, /) -> "list[CircleGridMarking]":
+        return [
+            replace(self, columns=columns, rows=rows, diameter=None, asymmetric=asymmetric, inverted=inverted)
+            for inverted in (self.inverted, not self.inverted)
+            for asymmetric in (self.asymmetric, not self.asymmetric)
+            for columns, rows in ((self.columns, self.rows), (self.rows, self.columns))
+        ]
+
     def scaled(self, scale: float, /) -> Self:
         diameter = None if self.diameter is None else round(self.diameter * scale, 6)
         return replace(self, spacing=round(self.spacing * scale, 6), diameter=diameter)
