@@ -32,6 +32,10 @@ from quadrig.single.lens import project, project_with_derivatives
 _POINTS = 12
 # Added to the information of a point, as a share of it: one that ran out of sight stays where it is.
 _LEAST_SHARE = 1e-10
+# A sigma of a point beyond this share of its distance says that the rig cannot tell, and a Gaussian says no more.
+_KNOWN = 0.1
+# Fewer points than this have no shape left when they are brought into one frame.
+_FEWEST = 4
 # The quantile of a Gaussian five sigmas off, on both sides.
 _FIVE_SIGMAS = 1 - 5.7e-7
 
@@ -81,6 +85,21 @@ def quantile(error: Floats, covariance: Floats) -> float:
     return float(chi2.cdf(error @ np.linalg.solve(covariance, error), len(error)))
 
 
+def distances(rig: Rig, points: Floats) -> Floats:
+    """Of points (N, 3) from the nearest camera, m."""
+    places = np.array([camera.rig_from_camera.translation for camera in rig.cameras])
+    return np.linalg.norm(points - places[:, None], axis=-1).min(axis=0)
+
+
+def known_points(rig: Rig, points: Floats) -> Floats:
+    """Those of the points (N, 3) that the rig says it knows: to a share of their distance."""
+    seen, moves = triangulation_shape(rig.cameras, points)
+    if len(seen) < _FEWEST:
+        return points[:0]
+    sigma = np.sqrt(np.linalg.eigvalsh(moves @ rig.covariance @ np.swapaxes(moves, -1, -2))[:, -1])
+    return seen[sigma < _KNOWN * distances(rig, seen)]
+
+
 def quantiles(made: Simulated, rig: Rig) -> dict[str, list[float]]:
     """For each kind of figure the quantiles at which the truth lies."""
     found: dict[str, list[float]] = defaultdict(list)
@@ -91,17 +110,22 @@ def quantiles(made: Simulated, rig: Rig) -> dict[str, list[float]]:
         if camera.name != rig.reference:
             step = camera.rig_from_camera.step_to(made.rig_from_camera(rig.reference, camera.name))
             found["pose"].append(quantile(step, rig.pose_covariance(camera.name)))
-    points = covered_points(rig.rectangles)
+    points = known_points(rig, covered_points(rig.rectangles))
     points = points[seen_by(made, rig, points)[1].sum(axis=0) >= 2]
-    if not len(points):
+    off = triangulated(made, rig, points) - points
+    # What ran away is missed, and is no part of the frame that the others are brought into.
+    stayed = np.linalg.norm(off, axis=1) < distances(rig, points)
+    found["point"] += [1.0] * min(_POINTS, int((~stayed).sum()))
+    if stayed.sum() < _FEWEST:
         return found
+    points, off = points[stayed], off[stayed]
     points, moves = triangulation_shape(rig.cameras, points)
     doubt = moves @ rig.covariance @ np.swapaxes(moves, -1, -2)
-    off = triangulated(made, rig, points) - points
     shape = (off.ravel() - similarity_part(points, off.reshape(-1, 1))[:, 0]).reshape(-1, 3)
     for i in np.linspace(0, len(points) - 1, min(_POINTS, len(points))).round().astype(int):
         found["point"].append(quantile(shape[i], doubt[i]))
-    found["accuracy"].append(float(np.sqrt((shape**2).sum(axis=1).mean()) / rig.working_accuracy))
+    claimed = np.linalg.eigvalsh(doubt)[:, -1].mean()
+    found["accuracy"].append(float(np.sqrt((shape**2).sum(axis=1).mean() / claimed)))
     found["noise"].append(rig.noise / made.noise)
     return found
 
