@@ -4,8 +4,12 @@ Encodings are those of ROS 2 (sensor_msgs/image_encodings) and Foxglove (RawImag
 A picture whose EXIF says that it is turned is turned: pixels are those of the picture as one sees it.
 """
 
+from collections.abc import Callable
+from typing import Any
+
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from quadrig.io.recording.image_message import EncodedImage
 from quadrig.io.recording.limits import too_many_pixels
@@ -86,11 +90,20 @@ def decode_file(data: bytes, gray: bool = True, shrink: int = 1) -> Picture:
 
     A JPEG is shrunk while it is decoded, which saves most of the work.
     """
+    return _upright(data, lambda header: _decoded(data, header, gray, shrink))
+
+
+def decode_unchanged(data: bytes) -> NDArray[Any]:
+    """The image of the same bytes with all its bits and channels, in BGR or BGRA. Raises UndecodableImage."""
+    return _upright(data, lambda header: _imdecode(data, header, cv2.IMREAD_UNCHANGED))
+
+
+def _upright(data: bytes, decoded: Callable[[PictureHeader], Any]) -> Any:
     try:
         header = read_header(data)
         if refused := too_many_pixels(header.width, header.height, header.pixel_bytes):
             raise UndecodableImage(refused)
-        return upright(_decoded(data, header, gray, shrink), header)
+        return upright(decoded(header), header)
     except UndecodableImage:
         raise
     except (cv2.error, ValueError, MemoryError) as error:
@@ -99,15 +112,18 @@ def decode_file(data: bytes, gray: bool = True, shrink: int = 1) -> Picture:
 
 def _decoded(data: bytes, header: PictureHeader, gray: bool, shrink: int) -> Picture:
     """The image as it is stored."""
-    buffer = np.frombuffer(data, np.uint8)
     # OpenCV reads samples of colour TIFFs as they are or not at all, and drops alpha instead of looking through it.
     as_stored = header.alpha or header.kind == "tiff"
     how = _REDUCED[shrink][0 if gray else 1] | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION
-    image = cv2.imdecode(buffer, cv2.IMREAD_UNCHANGED if as_stored else how)
+    image = _eight_bits(_imdecode(data, header, cv2.IMREAD_UNCHANGED if as_stored else how))
+    return shrunk(_plain(image, gray), shrink) if as_stored else image
+
+
+def _imdecode(data: bytes, header: PictureHeader, how: int) -> NDArray[Any]:
+    image = cv2.imdecode(np.frombuffer(data, np.uint8), how)
     if image is None:
         raise UndecodableImage(f"{len(data)} bytes are a damaged {header.kind.upper()}")
-    image = _eight_bits(image)
-    return shrunk(_plain(image, gray), shrink) if as_stored else image
+    return np.asarray(image)
 
 
 def _plain(image: Picture, gray: bool) -> Picture:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from quadrig.io.formats.any_file import read_any_lenses
 from quadrig.io.formats.maps import remap_tables
 from quadrig.io.progress import progress_bar
+from quadrig.io.recording.decode_image import UndecodableImage, decode_unchanged
 from quadrig.io.recording.image_folder import IMAGE_SUFFIXES, folder_images
 from quadrig.io.recording.video import VIDEO_SUFFIXES, VideoFile, import_av, read_video
 from quadrig.io.whole_file import written_beside
@@ -38,7 +39,7 @@ def undistort(
     """Take the lens's distortion out of pictures and videos.
 
     They keep their size, and the lens its principal point and its focal length along x; pixels become square.
-    `rig export --undistorted` says these lenses. A picture's EXIF rotation is not applied.
+    `rig export --undistorted` says these lenses.
 
     Examples: rig undistort rig.mcap cam0/ cam1.mp4 -o flat; rig undistort camchain.yaml shot.png --camera left
     """
@@ -90,12 +91,11 @@ def _remapped(image: Picture, lens: Intrinsics, tables: Tables, where: Path) -> 
 
 def _picture(source: Path, target: Path, lens: Intrinsics, tables: Tables) -> None:
     _refuse_same(source, target)
-    content = np.frombuffer(source.read_bytes(), np.uint8)
-    # As it was taken: all its bits and channels, and no rotation, which would move the principal point.
-    image = cv2.imdecode(content, cv2.IMREAD_UNCHANGED) if len(content) else None
-    if image is None:
-        raise QuadrigError(f"{source}: cannot be read as a picture; leave it out or write it again")
-    done, encoded = cv2.imencode(target.suffix, _remapped(np.asarray(image), lens, tables, source))
+    try:
+        image = decode_unchanged(source.read_bytes())
+    except UndecodableImage as error:
+        raise QuadrigError(f"{source}: cannot be read as a picture ({error}); leave it out") from error
+    done, encoded = cv2.imencode(target.suffix, _remapped(image, lens, tables, source))
     if not done:
         raise QuadrigError(f"{target}: pictures cannot be written as {target.suffix}; give PNG or JPEG files")
     with written_beside(target) as beside:
