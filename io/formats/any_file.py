@@ -37,23 +37,23 @@ class KnownLens:
     covariance: Floats
 
 
-def read_any_rig(*paths: Path | str, unit: float | None = None) -> Rig:
+def read_any_rig(*paths: Path | str, unit: float | None = None, size: tuple[int, int] | None = None) -> Rig:
     """The Rig of a rig.mcap, or of files of any format that quadrig reads; several files say each their part.
 
-    unit: metres of one unit of lengths, for files that do not say it. Covariances are nan where the files do not
-    state them. Raises QuadrigError, one sentence, where a file is absent, damaged or of no known format, where
-    nothing says the unit, or where a camera has a lens and no pose.
+    unit: metres of one unit of lengths, size: width and height of the pictures, for files that do not say them.
+    Covariances are nan where the files do not state them. Raises QuadrigError, one sentence, where a file is absent,
+    damaged or of no known format, where nothing says unit or size, or where a camera has a lens and no pose.
     """
-    held = _read_all(paths, unit)
+    held = _read_all(paths, unit, size)
     if held.rig is not None:
         return held.rig
     _refuse_unplaced(held, paths[0])
     return rig_of(held.lenses, held.poses, held.frame)
 
 
-def read_any_lenses(*paths: Path | str) -> dict[str, KnownLens]:
+def read_any_lenses(*paths: Path | str, size: tuple[int, int] | None = None) -> dict[str, KnownLens]:
     """The lenses of cameras by name, from the same files, which may lack poses. Errors are those of read_any_rig."""
-    held = _read_all(paths, 1.0)
+    held = _read_all(paths, 1.0, size)
     if held.rig is not None:
         known = [*((held.rig, camera) for camera in held.rig.cameras), *held.rig.lens_only]
         return {one.name: KnownLens(one.intrinsics, rig.lens_covariance(one.name)) for rig, one in known}
@@ -62,7 +62,7 @@ def read_any_lenses(*paths: Path | str) -> dict[str, KnownLens]:
     return {name: KnownLens(lens, np.full((9, 9), np.nan)) for name, lens in held.lenses.items()}
 
 
-def _read_all(paths: tuple[Path | str, ...], unit: float | None) -> Held:
+def _read_all(paths: tuple[Path | str, ...], unit: float | None, size: tuple[int, int] | None) -> Held:
     each = [_read(Path(path)) for path in paths]
     if len(each) == 1 and each[0].rig is not None:
         return each[0]
@@ -70,13 +70,22 @@ def _read_all(paths: tuple[Path | str, ...], unit: float | None) -> Held:
         raise QuadrigError(f"{paths[0]}: a file that holds a whole rig is read alone; give one file")
     lenses, poses = {}, {}
     for path, held in zip(paths, each, strict=True):
-        scaled = _in_metres(held, unit, path)
-        for mine, theirs in ((lenses, held.lenses), (poses, scaled)):
+        each_part = (lenses, _with_size(held, size, path)), (poses, _in_metres(held, unit, path))
+        for mine, theirs in each_part:
             twice = sorted(mine.keys() & theirs.keys())
             if twice:
                 raise QuadrigError(f"{path}: camera {twice[0]!r} is in an earlier file too; give each camera once")
             mine.update(theirs)
     return Held(lenses, poses, next((held.frame for held in each if held.frame), ""))
+
+
+def _with_size(held: Held, size: tuple[int, int] | None, path: Path | str) -> dict[str, Intrinsics]:
+    if size is None and any(lens.width == 0 or lens.height == 0 for lens in held.lenses.values()):
+        raise QuadrigError(f"{path}: nothing in it says the size of the pictures; give --size, such as 1920x1080")
+    return {
+        name: replace(lens, width=size[0], height=size[1]) if size and not (lens.width and lens.height) else lens
+        for name, lens in held.lenses.items()
+    }
 
 
 def _in_metres(held: Held, unit: float | None, path: Path | str) -> dict[str, Pose]:

@@ -116,12 +116,12 @@ def _text(numbers: list[float]) -> str:
 
 @dataclass(frozen=True)
 class _Content:
-    """cameras: model, width, height and parameters, by number; images: pose of seven, camera and name; sensors: of
-    the rigs, camera and sensor_from_rig, None where it is not known."""
+    """cameras: model, width, height and parameters, by number; images: pose of seven, camera and name; rigs:
+    sensor_from_rig by camera, None where it is not known."""
 
     cameras: dict[int, tuple[_Model, int, int, list[float]]]
     images: list[tuple[list[float], int, str]]
-    sensors: list[tuple[int, list[float] | None]]
+    rigs: list[dict[int, list[float] | None]]
     metres: bool = False
 
 
@@ -149,13 +149,14 @@ def read_colmap(path: Path) -> Held:
         return Held(
             lenses, {names[number]: _pose(seven).inverse() for seven, number, _ in content.images}, "world", unit
         )
-    poses = {names[number]: _pose(seven).inverse() for number, seven in content.sensors if seven is not None}
-    lost = next((number for number in taken if names[number] not in poses), None)
-    if lost is not None or len({number for number, _ in content.sensors}) < len(content.sensors):
+    rig = next((rig for rig in content.rigs if all(rig.get(number) is not None for number in taken)), None)
+    if rig is None:
+        lost = next((n for n in taken if all(each.get(n) is None for each in content.rigs)), taken[0])
         raise QuadrigError(
-            f"{path}: camera {lost} took {taken.count(lost or 0)} pictures and no rig says where it is; set up a "
-            "rig in COLMAP (rig_configurator), or give a model of one picture a camera"
+            f"{path}: cameras took several pictures each, and no rig says where {names[lost]} is among them; set up "
+            "a rig in COLMAP (rig_configurator), or give a model of one picture a camera"
         )
+    poses = {names[n]: _pose(seven).inverse() for n, seven in rig.items() if seven is not None and n in names}
     return Held(lenses, poses, unit=unit)
 
 
@@ -206,17 +207,17 @@ def _read_text(folder: Path) -> _Content:
     # Each image is followed by the line of its points, which may be empty.
     lines = _words(folder / "images.txt", every=2)
     images = [([float(word) for word in words[1:8]], int(words[8]), " ".join(words[9:])) for words in lines]
-    sensors: list[tuple[int, list[float] | None]] = []
+    rigs: list[dict[int, list[float] | None]] = []
     for words in _words(folder / "rigs.txt") if (folder / "rigs.txt").is_file() else ():
-        sensors.append((int(words[3]), _seven(Pose.identity())))
+        rigs.append({int(words[3]): _seven(Pose.identity())})
         rest = words[4:]
         while rest:
             known = rest[2] == "1"
-            sensors.append((int(rest[1]), [float(word) for word in rest[3:10]] if known else None))
+            rigs[-1][int(rest[1])] = [float(word) for word in rest[3:10]] if known else None
             rest = rest[10:] if known else rest[3:]
     with (folder / "cameras.txt").open(encoding="utf-8") as stream:
         metres = stream.readline().strip() == _METRES
-    return _Content(cameras, images, sensors, metres)
+    return _Content(cameras, images, rigs, metres)
 
 
 def _words(path: Path, every: int = 1) -> Iterator[list[str]]:
@@ -235,7 +236,7 @@ def _counted(words: Sequence[str | float], model: _Model) -> list[float]:
 def _read_binary(folder: Path) -> _Content:
     cameras: dict[int, tuple[_Model, int, int, list[float]]] = {}
     images: list[tuple[list[float], int, str]] = []
-    sensors: list[tuple[int, list[float] | None]] = []
+    rigs: list[dict[int, list[float] | None]] = []
     with (folder / "cameras.bin").open("rb") as stream:
         for _ in range(*_take(stream, "<Q")):
             number, kind, width, height = _take(stream, "<IiQQ")
@@ -251,11 +252,11 @@ def _read_binary(folder: Path) -> _Content:
         with (folder / "rigs.bin").open("rb") as stream:
             for _ in range(*_take(stream, "<Q")):
                 _, count, _, number = _take(stream, "<IIiI")
-                sensors.append((number, _seven(Pose.identity())))
+                rigs.append({number: _seven(Pose.identity())})
                 for _ in range(count - 1):
                     _, number, known = _take(stream, "<iIB")
-                    sensors.append((number, list(_take(stream, "<7d")) if known else None))
-    return _Content(cameras, images, sensors)
+                    rigs[-1][number] = list(_take(stream, "<7d")) if known else None
+    return _Content(cameras, images, rigs)
 
 
 def _take(stream: BinaryIO, layout: str) -> tuple:

@@ -41,6 +41,7 @@ _LARGEST = 1e6
 class Held:
     """What one file says: lenses by camera, poses rig_from_camera by camera, and the rig frame's name ("": none).
 
+    A lens whose image size is 0 x 0 is one whose size the file does not say.
     unit: metres of one unit of its lengths, None where the file does not say. rig: the whole of it with its doubt,
     where the format holds that; the rest is then empty.
     """
@@ -112,7 +113,7 @@ def read_yaml(content: bytes, loader: type = SAFE_LOADER) -> dict[str, Any]:
 
 
 def lens_of(
-    size: Sequence[float] | Floats,
+    size: Sequence[float] | Floats | None,
     matrix: Floats,
     distortion: Sequence[float] | Floats,
     where: str,
@@ -120,11 +121,12 @@ def lens_of(
 ) -> Intrinsics:
     """The lens of an image size (width, height), camera matrix (3, 3) and OpenCV's coefficients of the model.
 
+    Without a size, where the file does not say it, that of the lens is 0 x 0.
     Pixels as ours. Raises QuadrigError where the numbers are none of a lens, or are more than our models hold: skew,
     or coefficients past k3 of a pinhole and past k4 of a fisheye that are not zero.
     """
     matrix, given = np.asarray(matrix, float), np.asarray(distortion, float).ravel()
-    width, height = (int(value) for value in size)
+    width, height = (int(value) for value in ((1, 1) if size is None else size))
     if matrix.shape != (3, 3) or not (np.isfinite(matrix).all() and np.isfinite(given).all()):
         raise QuadrigError(f"{where}: the lens has no nine finite numbers as its camera matrix; write the file again")
     if not (0 < width < _LARGEST and 0 < height < _LARGEST and 0 < matrix[0, 0] < _LARGEST and matrix[1, 1] > 0):
@@ -143,6 +145,7 @@ def lens_of(
     coefficients = np.zeros(5)
     coefficients[: min(len(given), most)] = given[:most]
     focal = float(matrix[0, 0])
+    width, height = (width, height) if size is not None else (0, 0)
     return Intrinsics(width, height, focal, matrix[:2, 2].copy(), coefficients, float(matrix[1, 1]) / focal, model)
 
 

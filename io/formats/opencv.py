@@ -26,6 +26,7 @@ from quadrig.rig.result import Rig
 from quadrig.single.arrays import Floats
 from quadrig.single.errors import QuadrigError
 from quadrig.single.lens import Intrinsics
+from quadrig.single.pose import Pose
 
 # What the samples and the programs that store a camera call its matrix and distortion.
 _MATRIX = ("camera_matrix", "cameraMatrix", "Camera_Matrix", "K")
@@ -67,6 +68,8 @@ def read_opencv(path: Path) -> Held:
     """
     nodes = _nodes(path)
     names = nodes.get("camera_names")
+    if "M1" in nodes or ("R" in nodes and "T" in nodes):
+        return _stereo(nodes, f"{path}")
     if names is None:
         return Held({path.stem: _lens(nodes, "", f"{path}")})
     names = [str(name) for name in names] if isinstance(names, list) else [str(names)]
@@ -76,6 +79,21 @@ def read_opencv(path: Path) -> Held:
         lenses[name] = _lens(nodes, f"{key}_", where)
         poses[name] = pose_of(_numbers(nodes, [f"{key}_rig_from_camera"], where), where)
     return Held(lenses, poses, str(nodes.get("rig_frame", "")))
+
+
+def _stereo(nodes: Mapping[str, Any], where: str) -> Held:
+    """intrinsics.yml, extrinsics.yml, or both in one, of OpenCV's stereo sample: right_from_left is R, T, in the unit
+    of its squares; it does not say the pictures' size."""
+    lenses, poses = {}, {}
+    for number, name in (("1", "left"), ("2", "right")):
+        if f"M{number}" in nodes:
+            size = _array(nodes["image_size"]).ravel() if "image_size" in nodes else None
+            matrix, distortion = (_numbers(nodes, [f"{letter}{number}"], where) for letter in "MD")
+            lenses[name] = lens_of(size, matrix, distortion, f"{where}: {name} camera")
+    if "R" in nodes and "T" in nodes:
+        right_from_left = np.column_stack([_array(nodes["R"]), _array(nodes["T"]).ravel()])
+        poses = {"left": Pose.identity(), "right": pose_of(right_from_left, where).inverse()}
+    return Held(lenses, poses, unit=None)
 
 
 def _lens(nodes: Mapping[str, Any], prefix: str, where: str) -> Intrinsics:

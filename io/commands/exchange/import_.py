@@ -1,5 +1,6 @@
 """`rig import`: a rig.mcap out of the files of another program."""
 
+import re
 import sys
 from pathlib import Path
 from typing import Annotated
@@ -16,6 +17,7 @@ def import_(
         list[Path], typer.Argument(help="Files of one rig, or a folder of COLMAP's.", metavar="FILE...")
     ],
     output: Annotated[Path, typer.Option("--output", "-o", help="The rig to write.")] = Path("rig.mcap"),
+    size: Annotated[str | None, typer.Option(help="The pictures' size where no file says it: 1920x1080.")] = None,
     unit: Annotated[
         str | None, typer.Option(help="The unit of lengths where the files do not say it: m, cm, mm, or 0.37m.")
     ] = None,
@@ -27,8 +29,15 @@ def import_(
     Examples: rig import camchain.yaml; rig import left.yaml right.yaml rig.urdf -o rig.mcap
     """
     metres = None if unit is None else read_length(unit if unit[:1].isdigit() else f"1{unit}")
-    rig = read_any_rig(*files, unit=metres)
+    rig = read_any_rig(*files, unit=metres, size=None if size is None else _size(size))
     write_rig(output, rig)
     print(f"{output}: {counted(len(rig.cameras), 'camera')} in the frame of {rig.reference}")
     if rig.covariance.size and rig.covariance[0, 0] != rig.covariance[0, 0]:
         print("note: the files do not say how sure they are; `rig info` shows what is known", file=sys.stderr)
+
+
+def _size(words: str) -> tuple[int, int]:
+    found = re.fullmatch(r"([1-9]\d*)x([1-9]\d*)", words)
+    if found is None:
+        raise typer.BadParameter(f"{words!r} is no size; give one such as 1920x1080", param_hint="--size")
+    return int(found[1]), int(found[2])
