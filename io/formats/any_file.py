@@ -63,7 +63,12 @@ def read_any_lenses(*paths: Path | str, size: tuple[int, int] | None = None) -> 
 
 
 def _read_all(paths: tuple[Path | str, ...], unit: float | None, size: tuple[int, int] | None) -> Held:
-    each = [_read(Path(path)) for path in paths]
+    each = []
+    for path in paths:
+        try:
+            each.append(_read(Path(path)))
+        except OSError as error:
+            raise QuadrigError(f"{path}: cannot be read ({error.strerror or error}); give another file") from error
     if len(each) == 1 and each[0].rig is not None:
         return each[0]
     if any(held.rig is not None for held in each):
@@ -111,8 +116,6 @@ def _read(path: Path) -> Held:
             try:
                 with np.errstate(all="ignore"):
                     return form.read(path)
-            except OSError as error:
-                raise QuadrigError(f"{path}: cannot be read ({error.strerror}); give another file") from error
             # Damage shows as whatever the parsers of YAML, JSON, TOML, XML and OpenCV stumble over.
             except _DAMAGE as error:
                 reason = " ".join(str(error).split()) or type(error).__name__

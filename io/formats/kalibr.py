@@ -48,7 +48,7 @@ def _values(camera: Camera) -> dict:
     if lens.model == "pinhole" and abs(lens.distortion[4]) > _ZERO:
         raise QuadrigError(
             f"camera {camera.name!r} has k3 = {lens.distortion[4]:.3g}, and Kalibr's radtan has no k3; "
-            'calibrate with lens = "f c k1 k2", or export another format'
+            'calibrate with lens = "f c k1 k2", export with --undistorted, or another format'
         )
     return {
         "camera_model": "pinhole",

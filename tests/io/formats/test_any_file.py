@@ -161,6 +161,34 @@ def test_what_is_wrong_is_one_sentence(name, content, sentence, tmp_path, capfd)
     assert capfd.readouterr() == ("", "")
 
 
+def test_a_huge_file_is_refused_at_once(tmp_path):
+    with (tmp_path / "rig.yml").open("wb") as stream:
+        stream.write(b"%YAML:1.0\n")
+        stream.truncate(1 << 30)
+    with pytest.raises(QuadrigError, match="which no file of cameras has"):
+        read_any_rig(tmp_path / "rig.yml")
+    (tmp_path / "chain.yaml").write_text(
+        "cam0:\n  camera_model: pinhole\n  intrinsics: [" + "1, " * 2_000_000 + "1]\n"
+    )
+    with pytest.raises(QuadrigError, match="bytes of YAML are no file of cameras"):
+        read_any_rig(tmp_path / "chain.yaml")
+
+
+def test_aliases_within_aliases_are_one_sentence(tmp_path):
+    lines = ["cam0: &a0 {camera_model: pinhole, intrinsics: [1, 1, 1, 1]}"]
+    lines += [f"x{n}: &a{n} [{', '.join([f'*a{n - 1}'] * 9)}]" for n in range(1, 30)]
+    (tmp_path / "chain.yaml").write_text("\n".join(lines))
+    with pytest.raises(QuadrigError, match="cannot be read as kalibr"):
+        read_any_rig(tmp_path / "chain.yaml")
+
+
+def test_a_folder_that_holds_no_model_is_one_sentence(tmp_path):
+    with pytest.raises(QuadrigError, match="the folder is in none of the formats"):
+        read_any_rig(tmp_path)
+    with pytest.raises(QuadrigError, match="there is no"):
+        read_any_rig(tmp_path / "absent.json")
+
+
 def test_lenses_that_quadrig_does_not_have_are_refused(example_rig, tmp_path):
     [path] = written(tmp_path, example_rig, "json")
     values = json.loads(path.read_text())

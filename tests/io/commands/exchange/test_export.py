@@ -65,6 +65,13 @@ def test_what_is_wrong_is_one_sentence_and_nothing_is_written(
     assert sorted(tmp_path.iterdir()) == before
 
 
+def test_of_several_files_all_are_written_or_none(rig, tmp_path, capsys):
+    (tmp_path / "lenses" / "cam2.yaml").mkdir(parents=True)
+    assert run(["export", rig, "-f", "ros", "-o", str(tmp_path / "lenses")]) == 1
+    assert "is a folder" in capsys.readouterr().err
+    assert [path.name for path in (tmp_path / "lenses").iterdir()] == ["cam2.yaml"]
+
+
 def test_a_format_that_is_none_is_wrong_usage(rig, tmp_path, capsys):
     assert run(["export", rig, "--format", "word"]) == 2
     assert run(["export", str(tmp_path / "absent.mcap")]) == 1
