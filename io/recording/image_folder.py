@@ -43,6 +43,11 @@ class ImageFiles:
         return self.paths[0].suffix.lower().lstrip(".")
 
     @property
+    def files(self) -> tuple[Path, ...]:
+        """As ImageSource has it."""
+        return self.paths
+
+    @property
     def timed(self) -> bool:
         """As ImageSource has it: whether the numbers of the names are times."""
         return self._unit() > 0

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Protocol
 
 from quadrig.io.recording.decode_image import decode_image
@@ -25,6 +26,11 @@ class ImageSource(Protocol):
     @property
     def timed(self) -> bool:
         """Whether a clock gave the stamps, not the order of files."""
+        ...
+
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """The files that hold the images."""
         ...
 
     def stamps(self) -> Ints:
@@ -67,6 +73,11 @@ class McapImages:
     def __len__(self) -> int:
         return len(self.messages)
 
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """As ImageSource has it."""
+        return self.messages.paths
+
     def stamps(self) -> Ints:
         """As ImageSource has it."""
         return self.messages.stamps()
@@ -108,6 +119,11 @@ class Stamped:
     def encoding(self) -> str:
         """As ImageSource has it."""
         return self.source.encoding
+
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """As ImageSource has it."""
+        return self.source.files
 
     def stamps(self) -> Ints:
         """As ImageSource has it."""

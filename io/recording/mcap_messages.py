@@ -38,6 +38,11 @@ class McapMessages:
         return len(self.messages)
 
     @property
+    def paths(self) -> tuple[Path, ...]:
+        """The files."""
+        return tuple(dict.fromkeys(topic.path for topic in self.topics))
+
+    @property
     def message_encoding(self) -> str:
         """cdr, protobuf or json."""
         return self.topics[0].encoding

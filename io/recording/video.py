@@ -57,6 +57,11 @@ class VideoFile:
     def __len__(self) -> int:
         return len(self.times)
 
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """As ImageSource has it."""
+        return (self.path,)
+
     def stamps(self) -> Ints:
         """As ImageSource has it, from the start of the video."""
         return np.round(self.times * (self.time_base * 1e9)).astype(np.int64)
@@ -108,6 +113,11 @@ class McapVideo:
 
     def __len__(self) -> int:
         return len(self.messages) if self.wanted is None else len(self.wanted)
+
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """As ImageSource has it."""
+        return self.messages.paths
 
     @cached_property
     def keys(self) -> Ints:

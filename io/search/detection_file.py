@@ -1,22 +1,31 @@
-"""Detections kept: an MCAP of ImageAnnotations for the eye and of our own exact record for the next solve."""
+"""Detections kept: an MCAP of ImageAnnotations for the eye and of our own exact record for the next solve.
+
+They are found again only for the same pictures, topic, rectangles and detector: anything else is searched anew.
+"""
 
 import hashlib
 import os
+import time
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import closing, contextmanager
+from contextlib import closing, contextmanager, suppress
 from dataclasses import asdict, replace
+from functools import cache
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any, BinaryIO
 
+import cv2
 import msgspec
 import numpy as np
 
 from quadrig.io.recording.camera import RecordedCamera
-from quadrig.io.recording.image_folder import folder_images
-from quadrig.io.recording.mcap_reader import McapBytes, index_mcap
-from quadrig.io.recording.recorded_cameras import Recording
+from quadrig.io.recording.image_folder import IMAGE_SUFFIXES
+from quadrig.io.recording.image_message import holds_images
+from quadrig.io.recording.mcap_reader import McapBytes, McapIndex, index_mcap
+from quadrig.io.rig_file.rig_mcap import RIG_TOPIC
 from quadrig.io.rig_file.view_record import ViewRecord, recorded_view, view_record
 from quadrig.io.topic_writer import TopicWriter
+from quadrig.io.whole_file import refuse_no_place
 from quadrig.single.arrays import Ints
 from quadrig.single.errors import QuadrigError
 from quadrig.single.markings.registry import marking_values
@@ -24,31 +33,52 @@ from quadrig.single.rectangle import Rectangle
 from quadrig.single.view import View
 
 DETECTIONS_TOPIC = "/quadrig/detections"
-FORMAT = 4
-"""Raised when detection or this record changes, so that old files are not taken for new ones."""
+FORMAT = 5
+"""Raised when this record changes, so that old files are not taken for new ones."""
+
+# Of a recording or video, so many bytes from both ends tell it from another of the same size and time.
+_ENDS = 1 << 16
+# The sources of what makes detections of a picture: reading it, and searching it.
+_DETECTOR = ("single", "io/recording")
 
 
 class ImageRecord(msgspec.Struct):
-    """What was found in one image of one camera; views is None where the image could not be read."""
+    """What was found in one image of one camera; views is None where the image was left out, why says the reason."""
 
     key: str
     camera: str
     image: int
     stamp: int
     views: list[ViewRecord] | None
+    why: str = ""
 
 
-Found = dict[tuple[str, int], tuple[View, ...] | None]
-"""Views by camera and image; None where the image could not be read."""
+Found = dict[tuple[str, int], tuple[View, ...] | str]
+"""Views by camera and image; where the image was left out, why."""
 
 
-def camera_key(recording: Recording, camera: RecordedCamera, rectangles: Sequence[Rectangle]) -> str:
-    """What detections in a camera's images depend on, as a short word: the files, the topic, the markings."""
-    files = [_file_mark(path) for path in recording.files]
+def camera_key(camera: RecordedCamera, rectangles: Sequence[Rectangle]) -> str:
+    """What detections in a camera's images depend on, as a short word: files, topic, markings, detector."""
+    files = [_file_mark(path) for path in camera.source.files]
     # A surveyed pose, or whether it moves, changes nothing of what is seen.
     sheets = [{k: v for k, v in _plain(one).items() if k not in ("moving", "world_from_rect")} for one in rectangles]
-    mark = [FORMAT, files, Path(camera.topic).name, camera.width, camera.height, camera.frames, sheets]
+    shape = [camera.width, camera.height, camera.frames, camera.encoding]
+    mark = [FORMAT, detector_version(), files, camera.topic, shape, sheets]
     return hashlib.blake2b(msgspec.json.encode(mark), digest_size=12).hexdigest()
+
+
+@cache
+def detector_version() -> str:
+    """Changes with every change of what makes detections of pictures: our sources, and OpenCV."""
+    digest = hashlib.blake2b(cv2.__version__.encode(), digest_size=12)
+    # Where it is run from its sources, those are enough.
+    with suppress(PackageNotFoundError):
+        digest.update(version("quadrig").encode())
+    root = Path(__file__).resolve().parents[2]
+    for folder in _DETECTOR:
+        for source in sorted((root / folder).rglob("*.py")):
+            digest.update(source.name.encode() + source.read_bytes())
+    return digest.hexdigest()
 
 
 def detections_beside(result: Path) -> Path:
@@ -56,14 +86,41 @@ def detections_beside(result: Path) -> Path:
     return result.with_suffix(".detections.mcap")
 
 
-def read_detections(path: Path, keys: Mapping[str, str]) -> Found:
-    """What is kept in the file for cameras with these keys; nothing where there is no such file, or only others."""
+def read_detections(path: Path, keys: Mapping[str, str]) -> tuple[Found, list[str]]:
+    """What is kept in the file for cameras with these keys; nothing where there is no such file, or only others.
+
+    A damaged file gives what is whole of it, is set aside, and the sentence returned says so.
+    Raises QuadrigError where the file is something else, which writing would destroy.
+    """
     found: Found = {}
-    for partial in (path, _partial(path)):
-        for record in _records(partial):
-            if keys.get(record.camera) == record.key:
+    remarks = []
+    for kept in (path, _partial(path)):
+        try:
+            index = index_mcap(kept) if kept.is_file() else None
+        except QuadrigError:
+            remarks += [_set_aside(kept, 0)] if kept == path else []
+            continue
+        if index is None:
+            continue
+        if any(topic.topic == RIG_TOPIC or holds_images(topic.encoding, topic.schema) for topic in index.topics):
+            raise QuadrigError(f"{kept} is a recording or a rig, not kept detections; give another file with --cache")
+        lost = 0
+        for record in _records(index):
+            if record is None:
+                lost += 1
+            elif keys.get(record.camera) == record.key:
                 found[record.camera, record.image] = _views(record)
-    return found
+        # A file that a killed run left is cut off as a matter of course.
+        if kept == path and (lost or index.note or all(topic.topic != DETECTIONS_TOPIC for topic in index.topics)):
+            remarks.append(_set_aside(path, lost))
+    return found, remarks
+
+
+def _set_aside(path: Path, lost: int) -> str:
+    aside = path.with_name(f"{path.name}.damaged-{time.strftime('%Y%m%d-%H%M%S')}")
+    path.replace(aside)
+    what = f"{lost} of its records cannot be read" if lost else "it cannot be read to its end"
+    return f"{path} was damaged ({what}): what is whole is used, and the damaged file is now {aside.name}"
 
 
 class DetectionWriter:
@@ -74,12 +131,12 @@ class DetectionWriter:
         self._writer = TopicWriter(stream, "lz4")
         self._writer.declare_json(DETECTIONS_TOPIC, "quadrig.ImageDetections")
 
-    def write(self, camera: str, image: int, stamp: int, views: Sequence[View] | None) -> None:
-        """Add one image. views: None where it could not be read."""
-        records = None if views is None else [view_record(view) for view in views]
-        record = ImageRecord(self._keys[camera], camera, image, stamp, records)
+    def write(self, camera: str, image: int, stamp: int, views: tuple[View, ...] | str) -> None:
+        """Add one image. views: in words where it was left out."""
+        records, why = (None, views) if isinstance(views, str) else ([view_record(view) for view in views], "")
+        record = ImageRecord(self._keys[camera], camera, image, stamp, records, why)
         self._writer.write_json(DETECTIONS_TOPIC, msgspec.json.encode(record), stamp)
-        if views:
+        if views and not isinstance(views, str):
             self._writer.write_protobuf(f"/{camera}/annotations", _annotations(views, stamp), stamp)
 
     def flush(self) -> None:
@@ -100,6 +157,7 @@ def keep_detections(
     A process that is killed leaves a file beside it that the next run reads as far as it goes.
     Raises QuadrigError where the folder cannot be written to.
     """
+    refuse_no_place(path)
     partial = _partial(path)
     beside = partial.with_name(f"{partial.name}-{os.getpid()}")
     try:
@@ -126,26 +184,22 @@ def _partial(path: Path) -> Path:
     return path.with_name(f".{path.name}.part")
 
 
-def _records(path: Path) -> Iterator[ImageRecord]:
-    if not path.is_file():
-        return
-    try:
-        index = index_mcap(path)
-    except QuadrigError:
-        return
-    with closing(McapBytes(path)) as file:
+def _records(index: McapIndex) -> Iterator[ImageRecord | None]:
+    """The records; None for each that is damaged."""
+    with closing(McapBytes(index.path)) as file:
         for topic in index.topics:
-            if topic.topic == DETECTIONS_TOPIC:
-                for chunk, offset in zip(topic.chunks.tolist(), topic.offsets.tolist(), strict=True):
-                    try:
-                        yield msgspec.json.decode(file.message(chunk, offset), type=ImageRecord)
-                    except msgspec.MsgspecError:
-                        return
+            if topic.topic != DETECTIONS_TOPIC:
+                continue
+            for chunk, offset in zip(topic.chunks.tolist(), topic.offsets.tolist(), strict=True):
+                try:
+                    yield msgspec.json.decode(file.message(chunk, offset), type=ImageRecord)
+                except (ValueError, msgspec.MsgspecError):
+                    yield None
 
 
-def _views(record: ImageRecord) -> tuple[View, ...] | None:
+def _views(record: ImageRecord) -> tuple[View, ...] | str:
     if record.views is None:
-        return None
+        return record.why or "cannot be read"
     return tuple(replace(recorded_view(one), camera=record.camera) for one in record.views)
 
 
@@ -168,10 +222,17 @@ def _annotations(views: Sequence[View], stamp: int) -> Any:
     return message
 
 
-def _file_mark(path: Path) -> list:
-    """Name, size and time of a file, or of every image in a folder: what changes when the pictures do."""
-    parts = folder_images(path) if path.is_dir() else [path]
-    return [[part.name, part.stat().st_size, part.stat().st_mtime_ns] for part in parts]
+def _file_mark(path: Path) -> list[object]:
+    """What changes with a file's pictures: place, size, time; of a recording or video also both its ends."""
+    state = path.stat()
+    mark: list[object] = [str(path.resolve()), state.st_size, state.st_mtime_ns]
+    if path.suffix.lower() in IMAGE_SUFFIXES:
+        return mark
+    with path.open("rb") as stream:
+        ends = stream.read(_ENDS)
+        stream.seek(max(0, state.st_size - _ENDS))
+        ends += stream.read(_ENDS)
+    return [*mark, hashlib.blake2b(ends, digest_size=12).hexdigest()]
 
 
 def _plain(rectangle: Rectangle) -> dict[str, Any]:

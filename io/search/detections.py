@@ -5,8 +5,6 @@ from collections.abc import Sequence
 from contextlib import ExitStack, closing
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from quadrig.io.progress import progress_bar
 from quadrig.io.recording.framesets import Framesets
 from quadrig.io.recording.image_source import ImageSource
@@ -30,13 +28,15 @@ _FOLLOWS = 3
 class Detections:
     """What the images of a recording showed. views: with camera and frameset.
 
-    searched: images searched now; reused: images whose detections were kept; unreadable: images by camera.
+    searched: images searched now; reused: images whose detections were kept; left_out: by camera and reason, the
+    images that were not searched; remarks: on what was kept, in sentences.
     """
 
     views: list[View]
     searched: int
     reused: int
-    unreadable: dict[str, int]
+    left_out: dict[str, dict[str, list[int]]]
+    remarks: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,6 +45,7 @@ class _Batch:
     images: Ints
     source: ImageSource
     rectangles: tuple[Rectangle, ...]
+    size: tuple[int, int]
 
 
 def find_views(
@@ -65,52 +66,71 @@ def find_detections(
     if not rectangles:
         return Detections([], 0, 0, {})
     cache = effort.cache
-    keys = {camera.name: camera_key(recording, camera, rectangles) for camera in recording.cameras}
-    found = read_detections(cache, keys) if cache is not None else {}
+    keys = {camera.name: camera_key(camera, rectangles) for camera in recording.cameras}
+    found, remarks = read_detections(cache, keys) if cache is not None else ({}, [])
     batches = _batches(recording, framesets, tuple(rectangles), found)
     searched = sum(len(batch.images) for batch in batches)
     reused = sum(len(framesets.of_camera(camera.name)[1]) for camera in recording.cameras) - searched
-    if batches:
+    # A damaged file was set aside: what was whole of it is kept anew.
+    if batches or remarks:
         _search(recording, batches, found, keys, effort)
-        if cache is not None and not any(found.values()):
+        if cache is not None and not any(views and not isinstance(views, str) for views in found.values()):
             cache.unlink()
-    return Detections(_in_order(recording, framesets, found), searched, reused, _unreadable(framesets, found))
+    views = _in_order(recording, framesets, found)
+    return Detections(views, searched, reused, _left_out(framesets, found), tuple(remarks))
 
 
 def search_images(
-    source: ImageSource, images: Ints, rectangles: Sequence[Rectangle]
-) -> list[tuple[View, ...] | None]:
-    """The Views of each image of a source, whose indices in the recording are given; None where it is unreadable.
+    source: ImageSource, images: Ints, rectangles: Sequence[Rectangle], size: tuple[int, int]
+) -> list[tuple[View, ...] | str]:
+    """The Views of each image of a source, whose indices in the recording are given; why, where it is left out.
 
+    size: width and height that the camera's images have, px; another is another lens, or another camera.
     Rectangles are looked for where the image before had them, which is several times quicker; the first image, and
     each that does not follow on another, is searched whole.
     """
-    found: list[tuple[View, ...] | None] = []
+    found: list[tuple[View, ...] | str] = []
     before: tuple[View, ...] | None = None
     previous = -_FOLLOWS - 1
     for index, image in zip(images.tolist(), source.images(), strict=True):
         near = before if index - previous <= _FOLLOWS else None
-        before = None if image is None else tuple(detect_views(image, rectangles, near=near))
-        found.append(before)
+        before = None
+        if image is None:
+            found.append("cannot be read")
+        elif image.shape[1::-1] != size:
+            found.append(f"{image.shape[1]}x{image.shape[0]}, not {size[0]}x{size[1]}")
+        else:
+            before = tuple(detect_views(image, rectangles, near=near))
+            found.append(before)
         previous = index
     return found
 
 
-def _search_batch(batch: _Batch) -> list[tuple[View, ...] | None]:
-    return search_images(batch.source, batch.images, batch.rectangles)
+def _search_batch(batch: _Batch) -> list[tuple[View, ...] | str]:
+    return search_images(batch.source, batch.images, batch.rectangles, batch.size)
 
 
 def _batches(
     recording: Recording, framesets: Framesets, rectangles: tuple[Rectangle, ...], found: Found
 ) -> list[_Batch]:
-    """The images that are still to be searched, in the order of their time, so that the disk reads forward."""
+    """What is left to search, in the order of framesets.
+
+    A batch of which an image is missing is searched whole and forgotten in `found`: where an image lies in its batch
+    says whether it is searched near the one before, and resuming shall give what one run gives.
+    """
     batches: list[tuple[int, _Batch]] = []
     for camera in recording.cameras:
         sets, images = framesets.of_camera(camera.name)
-        todo = np.array([(camera.name, image) not in found for image in images.tolist()], bool)
         starts = dict(zip(images.tolist(), sets.tolist(), strict=True))
-        for part in camera.source.batches(images[todo], _BATCH):
-            batches.append((starts[int(part[0])], _Batch(camera.name, part, camera.source.part(part), rectangles)))
+        for part in camera.source.batches(images, _BATCH):
+            keys = [(camera.name, image) for image in part.tolist()]
+            if all(key in found for key in keys):
+                continue
+            for key in keys:
+                found.pop(key, None)
+            size = (camera.width, camera.height)
+            batch = _Batch(camera.name, part, camera.source.part(part), rectangles, size)
+            batches.append((starts[int(part[0])], batch))
     return [batch for _, batch in sorted(batches, key=lambda pair: pair[0])]
 
 
@@ -151,16 +171,18 @@ def _in_order(recording: Recording, framesets: Framesets, found: Found) -> list[
         sets, images = framesets.of_camera(camera)
         for frameset, image in zip(sets.tolist(), images.tolist(), strict=True):
             time = (int(stamps[camera][image]) - int(framesets.times[0])) / 1e9 if camera in timed else float("nan")
-            for view in found.get((camera, image)) or ():
+            here = found.get((camera, image), ())
+            for view in () if isinstance(here, str) else here:
                 views.append((frameset, column, replace(view, camera=camera, frameset=frameset, time=time)))
     return [view for _, _, view in sorted(views, key=lambda entry: entry[:2])]
 
 
-def _unreadable(framesets: Framesets, found: Found) -> dict[str, int]:
-    counts = {}
+def _left_out(framesets: Framesets, found: Found) -> dict[str, dict[str, list[int]]]:
+    """Images by camera and reason."""
+    left: dict[str, dict[str, list[int]]] = {}
     for camera in framesets.cameras:
-        images = framesets.of_camera(camera)[1].tolist()
-        missing = sum((camera, image) in found and found[camera, image] is None for image in images)
-        if missing:
-            counts[camera] = missing
-    return counts
+        for image in framesets.of_camera(camera)[1].tolist():
+            why = found.get((camera, image), ())
+            if isinstance(why, str):
+                left.setdefault(camera, {}).setdefault(why, []).append(image)
+    return left

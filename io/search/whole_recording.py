@@ -5,6 +5,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from quadrig.io.config.rig_toml import RigConfig
+from quadrig.io.recording.camera import RecordedCamera
 from quadrig.io.recording.framesets import Framesets, build_framesets
 from quadrig.io.recording.recorded_cameras import Recording, open_recording
 from quadrig.io.search.choose_frames import choose_frames
@@ -44,16 +45,25 @@ class Searched:
     @property
     def notes(self) -> list[str]:
         """What was skipped, or found before, in sentences."""
-        unreadable, reused = self.detections.unreadable, self.detections.reused
+        reused = self.detections.reused
         return [
             *self.recording.notes,
+            *self.detections.remarks,
             *without_corners(self.config),
             *(
-                f"camera {name!r}: {count} images cannot be read and are skipped"
-                for name, count in unreadable.items()
+                _left_out(self.recording.camera(name), why, images)
+                for name, reasons in self.detections.left_out.items()
+                for why, images in reasons.items()
             ),
             *([f"{reused} images were searched before; what was kept of them is used"] if reused else []),
         ]
+
+
+def _left_out(camera: RecordedCamera, why: str, images: Sequence[int]) -> str:
+    files = camera.source.files
+    first = files[images[0]].name if len(files) == camera.frames else f"number {images[0]}"
+    count = f"{len(images)} images are" if len(images) > 1 else "1 image is"
+    return f"camera {camera.name!r}: {count} left out: {why} (the first: {first})"
 
 
 def calibrate_recording(

@@ -9,20 +9,26 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 import pytest
 
+from quadrig.io.config.rig_toml import parse_config
+from quadrig.io.recording.convert import record
 from quadrig.io.recording.framesets import build_framesets
 from quadrig.io.recording.mcap_reader import index_mcap
 from quadrig.io.recording.recorded_cameras import open_recording
+from quadrig.io.search import detection_file
 from quadrig.io.search.detections import find_detections, find_views
 from quadrig.io.search.effort import Effort
+from quadrig.io.search.whole_recording import search_recording
 from quadrig.io.workers import run_tasks
 from quadrig.single.errors import QuadrigError
 from quadrig.single.markings.tag import TagMarking
 from quadrig.single.rectangle import Rectangle
+from quadrig.single.view import View
 
 COUNT = 20
 TAG = Rectangle("tag", 0.1, 0.1, TagMarking("aruco_4x4_50", 7))
@@ -62,7 +68,7 @@ def test_views_where_the_tag_was(recording):
     seen = {(view.camera, view.frameset): view for view in found.views}
     expected = {(f"cam{c}", k) for c in range(2) for k in range(COUNT) if (k + c) % 5 and (c, k) != (1, 7)}
     assert set(seen) == expected
-    assert found.unreadable == {"cam1": 1}
+    assert found.left_out == {"cam1": {"cannot be read": [7]}}
     for (_, k), view in seen.items():
         # The tag's pixels run from 60 + 5k to 119 + 5k: its edges lie half a pixel outside their centres.
         corners = np.array([[119.5, 99.5], [59.5, 99.5], [59.5, 39.5], [119.5, 39.5]]) + np.array([5 * k, k])
@@ -80,7 +86,7 @@ def test_workers_and_the_kept_file_change_nothing(recording, tmp_path):
     assert same(alone, first.views)
     assert same(alone, second.views)
     assert (first.searched, first.reused, second.searched, second.reused) == (2 * COUNT, 0, 0, 2 * COUNT)
-    assert second.unreadable == {"cam1": 1}
+    assert second.left_out == {"cam1": {"cannot be read": [7]}}
     assert [path.name for path in tmp_path.iterdir()] == [cache.name]
 
 
@@ -128,10 +134,119 @@ def test_half_kept_is_half_searched(recording, tmp_path):
     (tmp_path / f".{cache.name}.part").write_bytes(data[: last_chunk + 100])
     found = find_detections(opened, framesets, [TAG], Effort(workers=1, cache=cache))
     assert 0 < found.searched < 2 * COUNT
-    # Where a batch begins, images are searched whole, not near where the image before had the tag.
-    assert [(a.camera, a.frameset) for a in found.views] == [(b.camera, b.frameset) for b in whole]
-    assert max(np.abs(a.pixels - b.pixels).max() for a, b in zip(found.views, whole, strict=True)) < 0.02
+    # To the last bit: a batch is searched whole, wherever the file was cut off.
+    assert same(found.views, whole)
     assert [path.name for path in tmp_path.iterdir()] == [cache.name]
+
+
+def kept_file(folder: Path, place: Path) -> tuple[Any, Any, list[View], Path]:
+    """The recording, its framesets, its Views, and the file that keeps them."""
+    opened = open_recording([folder])
+    framesets = build_framesets(opened)
+    cache = place / "rig.detections.mcap"
+    return opened, framesets, find_views(opened, framesets, [TAG], Effort(workers=1, cache=cache)), cache
+
+
+@pytest.mark.parametrize("seed", [*range(6), "a name"])
+def test_a_flipped_bit_is_noticed_set_aside_and_searched_again(recording, tmp_path, seed):
+    opened, framesets, whole, cache = kept_file(recording, tmp_path)
+    data = bytearray(cache.read_bytes())
+    # The topic's name stands in the summary as it is.
+    place = data.index(b"/quadrig") if seed == "a name" else np.random.default_rng(seed).integers(len(data))
+    data[place] ^= 4
+    cache.write_bytes(data)
+    found = find_detections(opened, framesets, [TAG], Effort(workers=1, cache=cache))
+    assert same(found.views, whole)
+    assert bool(found.remarks) == bool(list(tmp_path.glob("*.damaged-*")))
+    if found.searched:
+        assert "was damaged" in found.remarks[0]
+    again = find_detections(opened, framesets, [TAG], Effort(workers=1, cache=cache))
+    assert same(again.views, whole)
+    # One that is whole again, or whose damage was where no detection is.
+    assert again.searched == 0
+
+
+@pytest.mark.parametrize("content", [b"", b"not an MCAP", b"\x89MCAP0\r\n"])
+def test_what_is_no_kept_file_is_said_and_set_aside(recording, tmp_path, content):
+    opened, framesets, whole, cache = kept_file(recording, tmp_path)
+    cache.write_bytes(content)
+    found = find_detections(opened, framesets, [TAG], Effort(workers=1, cache=cache))
+    assert same(found.views, whole)
+    (aside,) = tmp_path.glob("*.damaged-*")
+    assert aside.read_bytes() == content
+    assert aside.name in found.remarks[0]
+
+
+def test_a_recording_is_not_taken_for_a_cache(recording, tmp_path):
+    """--cache room.mcap, where a recording of that name is: it stays as it is."""
+    room = tmp_path / "room.mcap"
+    record(open_recording([recording]).cameras, room, progress=False)
+    data = room.read_bytes()
+    opened = open_recording([recording])
+    with pytest.raises(QuadrigError, match="is a recording or a rig, not kept detections"):
+        find_detections(opened, build_framesets(opened), [TAG], Effort(workers=1, cache=room))
+    assert room.read_bytes() == data
+
+
+def test_exchanged_topics_are_searched_again(recording, tmp_path):
+    """Two cameras whose topics end alike are told apart by the whole topic."""
+    room = tmp_path / "room.mcap"
+    record(open_recording([recording]).cameras, room, progress=False)
+    cache = tmp_path / "rig.detections.mcap"
+    topics = [f"/cam{k}/image_raw/compressed" for k in range(2)]
+
+    def found(left, right, keep):
+        opened = open_recording([room], {"left": topics[left], "right": topics[right]})
+        return find_detections(opened, build_framesets(opened), [TAG], Effort(workers=1, cache=keep))
+
+    found(0, 1, cache)
+    exchanged, clean = found(1, 0, cache), found(1, 0, None)
+    assert exchanged.reused == 0
+    assert same(exchanged.views, clean.views)
+    assert found(1, 0, cache).searched == 0
+
+
+def test_pictures_that_were_replaced_are_searched_again(recording, tmp_path):
+    folder, cache = tmp_path / "cam", tmp_path / "rig.detections.mcap"
+    folder.mkdir()
+    for k in range(4):
+        (folder / f"{k}.png").write_bytes((recording / "cam0" / f"{k + 1:03}.png").read_bytes())
+    effort = Effort(workers=1, cache=cache)
+
+    def found():
+        opened = open_recording([folder])
+        return find_detections(opened, build_framesets(opened), [TAG], effort)
+
+    assert (found().searched, found().searched) == (4, 0)
+    (folder / "2.png").write_bytes((recording / "cam0" / "011.png").read_bytes())
+    assert found().searched == 4
+
+
+def test_another_detector_searches_again(recording, tmp_path, monkeypatch):
+    opened, framesets, whole, cache = kept_file(recording, tmp_path)
+    monkeypatch.setattr(detection_file, "detector_version", lambda: "another")
+    again = find_detections(opened, framesets, [TAG], Effort(workers=1, cache=cache))
+    assert (again.searched, again.reused) == (2 * COUNT, 0)
+    assert same(again.views, whole)
+
+
+def test_a_picture_of_another_size_in_a_recording_is_counted_and_named(recording, tmp_path):
+    from quadrig.io.recording.convert import image_writer
+
+    room = tmp_path / "room.mcap"
+    with room.open("wb") as stream:
+        write, finish = image_writer(stream, "foxglove")
+        for k in range(4):
+            image = cv2.imread(str(recording / "cam0" / f"{k + 1:03}.png"))
+            assert image is not None
+            image = image[:120] if k == 2 else image
+            write("cam0", (k + 1) * 10**9, "png", cv2.imencode(".png", image)[1].tobytes())
+        finish()
+    config = parse_config('[[rectangle]]\nname = "tag"\nwidth = 0.1\nheight = 0.1\n'
+                          'marking = { kind = "tag", dictionary = "aruco_4x4_50", id = 7 }\n')  # fmt: skip
+    searched = search_recording([room], config, Effort(workers=1, progress=False))
+    assert [view.frameset for view in searched.views] == [0, 1, 3]
+    assert "camera 'cam0': 1 image is left out: 320x120, not 320x240 (the first: number 2)" in searched.notes
 
 
 TASKS = """
