@@ -16,6 +16,7 @@ COMMANDS = {
     "demo": "Render a room with four cameras, calibrate them, and compare with the truth.",
     "setup": "Calibrate live cameras, coached.",
     "record": "Record cameras, videos or folders of pictures into an MCAP recording.",
+    "pick": "Point at corners of rectangles in pictures, in the browser.",
     "calibrate": "Calibrate the cameras of a recording: rig.toml and recording in, rig.mcap out.",
     "inspect": "Look at a calibrated rig in rerun.",
     "report": "Write a calibrated rig and its evidence as one HTML page.",

@@ -187,6 +187,9 @@ def keep_corners(path: Path, pointed: PointedCorners) -> None:
     if not seen.any():
         if index is not None:
             del tables[index]
+        if not tables:
+            # An empty list of tables would be written as `corners = []`, to which no [[corners]] can be added.
+            document.remove("corners")
         write_text(path, tomlkit.dumps(document))
         return
     if index is None:

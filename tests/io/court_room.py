@@ -25,11 +25,13 @@ CONFIG = """reference = "court"
 name = "court"
 size = "tennis court"
 marking = { kind = "points" }
+world_from_rect = { translation = [0, 0, 0], angles_deg = [0, 0, 0] }
 
 [[rectangle]]
 name = "service"
 size = "tennis service area"
 marking = { kind = "points" }
+world_from_rect = { translation = [0, 0, 0], angles_deg = [0, 0, 0] }
 """
 # z up, the court's length along x.
 WORLD_FROM_COURT = Pose(np.diag([1.0, -1.0, -1.0]), np.zeros(3))
@@ -44,11 +46,10 @@ CAMERAS = tuple(_TABLE)
 _BEYOND, _TEXELS = 4.0, 100
 
 
-def lens(camera: str, scale: int = 1) -> Intrinsics:
-    """The true lens of a camera, its pictures so many times as large."""
+def lens(camera: str) -> Intrinsics:
+    """The true lens of a camera."""
     _, focal, offset, distortion = _TABLE[camera]
-    centre = image_middle(scale * WIDTH, scale * HEIGHT) + scale * np.array(offset)
-    return Intrinsics(scale * WIDTH, scale * HEIGHT, scale * focal, centre, np.array(distortion))
+    return Intrinsics(WIDTH, HEIGHT, focal, image_middle(WIDTH, HEIGHT) + offset, np.array(distortion))
 
 
 def camera_from_court(camera: str) -> Pose:
@@ -57,25 +58,25 @@ def camera_from_court(camera: str) -> Pose:
     return looking(position, np.array([0.0, 1.0, 0.0]) - position).inverse() @ WORLD_FROM_COURT
 
 
-def corners(camera: str, rectangle: Rectangle, scale: int = 1) -> np.ndarray:
+def corners(camera: str, rectangle: Rectangle) -> np.ndarray:
     """True pixels (4, 2) of the corners."""
-    return lens(camera, scale).project(camera_from_court(camera).transform(rectangle.corners))
+    return lens(camera).project(camera_from_court(camera).transform(rectangle.corners))
 
 
 @lru_cache
-def picture(camera: str, scale: int = 1) -> np.ndarray:
+def picture(camera: str) -> np.ndarray:
     """What a camera sees: white lines on a dark ground."""
     sheet = Sheet(COURT, WORLD_FROM_COURT, _lines(), margin=_BEYOND)
     view = camera_from_court(camera) @ WORLD_FROM_COURT.inverse()
-    return render_image(lens(camera, scale), view, [sheet], background=0.25, capture=Capture(blur=0.7, noise=1.0))
+    return render_image(lens(camera), view, [sheet], background=0.25, capture=Capture(blur=0.7, noise=1.0))
 
 
-def write(folder: Path, scale: int = 1) -> list[Path]:
+def write(folder: Path) -> list[Path]:
     """rig.toml and a picture of each camera; the pictures' paths."""
     (folder / "rig.toml").write_text(CONFIG)
     paths = [folder / f"{camera}.png" for camera in CAMERAS]
     for path in paths:
-        cv2.imwrite(str(path), picture(path.stem, scale))
+        cv2.imwrite(str(path), picture(path.stem))
     return paths
 
 

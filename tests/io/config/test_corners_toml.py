@@ -75,6 +75,8 @@ def test_some_corners_are_kept_too_and_none_is_no_table(tmp_path):
     assert not read.complete
     keep_corners(path, PointedCorners("left", COURT, np.full((4, 2), np.nan)))
     assert read_corners(path, [COURT]) == ()
+    keep_corners(path, PointedCorners("left", COURT, PIXELS))
+    assert len(read_corners(path, [COURT])) == 1
 
 
 def test_they_lie_beside_rig_toml_and_may_be_absent(tmp_path):
