@@ -167,14 +167,17 @@ def _show(rig: Rig, output: Path, as_json: bool) -> None:
 def result_values(rig: Rig) -> dict[str, object]:
     """The values of `rig export --format json`, and with them how well all fits, what is weak, who is missing."""
     from quadrig.io.formats.rig_json import rig_values
+    from quadrig.rig.doubt.verdict import verdict
 
+    judged = verdict(rig)
     return {
         **rig_values(rig),
         "rms_px": rig.rms,
         "left_out_rms_px": rig.held_out_rms,
         "noise_px": rig.noise,
         "views": {camera.name: camera.views for camera in rig.cameras},
-        "weak": list(rig.weak),
+        "grade": judged.grade,
+        "weak": list(judged.weak),
         "missing": dict(rig.missing),
         "relative": [_between(rig, one.name, two.name) for one, two in combinations(rig.cameras, 2)],
     }

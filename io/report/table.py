@@ -1,4 +1,4 @@
-"""A Rig as a person likes to read it: the headline, a line for each camera, what is weak, who is missing."""
+"""A Rig as a person likes to read it: the headline, a line for each camera, what is weak."""
 
 import sys
 from collections.abc import Callable, Sequence
@@ -8,10 +8,11 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from quadrig.rig.doubt.lens_accuracy import accuracy_in_words, lens_accuracy
+from quadrig.rig.doubt.lens_accuracy import lens_accuracy
+from quadrig.rig.doubt.verdict import verdict
 from quadrig.rig.doubt.weaknesses import coverage
 from quadrig.rig.result import Camera, Rig
-from quadrig.rig.words import counted, figure, length, with_sigma
+from quadrig.rig.words import counted, figure, with_sigma
 
 # In a file or a pipe no line is broken.
 _UNBROKEN = 200
@@ -28,7 +29,8 @@ def console() -> Console:
 def print_rig(rig: Rig, where: Console | None = None) -> None:
     """Print a Rig on stdout."""
     where = where or console()
-    where.print(f"[bold]{escape(headline(rig))}[/]")
+    judged = verdict(rig)
+    where.print(f"[bold]{escape(judged.headline)}[/]")
     where.print(escape(summary(rig)))
     if len(rig.cameras) > 1:
         where.print()
@@ -37,29 +39,16 @@ def print_rig(rig: Rig, where: Console | None = None) -> None:
     if alone:
         where.print("\n[bold]lens only[/]" if rig.apart else "")
         where.print(lens_table(alone))
-    for heading, sentences in (("weak", weak_of(rig)), ("missing", tuple(rig.missing.values()))):
-        if sentences:
-            where.print(f"\n[bold]{heading}[/]")
-        for sentence in sentences:
-            where.print(f"  {escape(sentence)}", soft_wrap=not sys.stdout.isatty())
-
-
-def headline(rig: Rig) -> str:
-    """The first line: the figure that heads a rig."""
-    if len(rig.cameras) > 1:
-        return f"working accuracy {length(rig.working_accuracy)} where the rectangles were seen"
-    return f"good for {accuracy_in_words(rig)}"
+    if judged.weak:
+        where.print("\n[bold]what is weak, and what to do[/]")
+    for sentence in judged.weak:
+        where.print(f"  {escape(sentence)}", soft_wrap=not sys.stdout.isatty())
 
 
 def lenses_alone(rig: Rig) -> list[tuple[Rig, Camera]]:
     """The cameras of which only the lens is known, each with the rig that has it."""
     own = [(rig, rig.cameras[0])] if len(rig.cameras) == 1 else []
     return [*own, *rig.lens_only]
-
-
-def weak_of(rig: Rig) -> tuple[str, ...]:
-    """What is weak in a rig and in those apart from it."""
-    return tuple(dict.fromkeys(sentence for each in (rig, *rig.apart) for sentence in each.weak))
 
 
 def summary(rig: Rig) -> str:

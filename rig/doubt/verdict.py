@@ -8,6 +8,7 @@ import numpy as np
 
 from quadrig.rig.doubt.disagreement import Disagreement, disagreements
 from quadrig.rig.doubt.lens_accuracy import accuracy_in_words, is_determined
+from quadrig.rig.doubt.misfit import misfits
 from quadrig.rig.doubt.residual_field import residual_field
 from quadrig.rig.result import PlacedRectangle, Rig
 from quadrig.rig.words import counted, length
@@ -39,12 +40,22 @@ class Verdict:
 
 def verdict(rig: Rig) -> Verdict:
     """What to believe of a rig."""
-    good, weak = _good(rig), [*rig.missing.values(), *rig.weak, *_contradictions(disagreements(rig)), *_patterns(rig)]
+    weak = weak_points(rig)
     grade = _grade(rig, weak)
-    return Verdict(grade, _headline(rig, grade), tuple(good), tuple(weak))
+    return Verdict(grade, _headline(rig, grade), tuple(_good(rig)), weak)
 
 
-def _grade(rig: Rig, weak: list[str]) -> Grade:
+def weak_points(rig: Rig) -> tuple[str, ...]:
+    """All that is weak in a rig, or wrong with it, and what to do, the gravest first: the list that terminal, report
+    and viewer show."""
+    apart = [sentence for each in rig.apart for sentence in each.weak]
+    said = [*misfits(rig), *rig.missing.values(), *rig.weak, *apart]
+    return tuple(dict.fromkeys([*said, *_contradictions(disagreements(rig)), *_patterns(rig)]))
+
+
+def _grade(rig: Rig, weak: Sequence[str]) -> Grade:
+    if misfits(rig):
+        return "not yet"
     if not rig.is_doubt_known:
         return "with care"
     unseparated = any(not camera.observable_focal for camera in rig.cameras)
@@ -61,6 +72,8 @@ def _headline(rig: Rig, grade: Grade) -> str:
             return "Not to be used yet: nothing that its camera saw determines a lens."
         return "Not to be used yet: no point in the room can be triangulated by two of its cameras."
     accuracy = accuracy_in_words(rig)
+    if misfits(rig):
+        return f"Not to be used yet: its Views do not fit together, whatever its own figures promise ({accuracy})."
     if grade == "not yet":
         return f"Not to be used yet, though its own figures promise {accuracy}: see what is weak."
     care = ", with care: see what is weak." if grade == "with care" else "."

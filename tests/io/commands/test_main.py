@@ -146,7 +146,7 @@ def test_the_table_leads_with_the_working_accuracy(pictures: Path, tmp_path: Pat
     arguments = ["calibrate", pictures / "left", pictures / "right", "-c", pictures / "rig.toml"]
     done = rig(*arguments, "-o", tmp_path / "rig.mcap")
     assert done.returncode == 0, done.stderr
-    assert done.stdout.startswith("working accuracy")
+    assert done.stdout.startswith("Good for ")
     assert "mm" in done.stdout.splitlines()[0]
     assert "rig frame" in done.stdout
 
@@ -159,7 +159,8 @@ def test_a_camera_that_shares_nothing_is_named_and_not_placed(pictures: Path, tm
     assert not result.exists()
     done = rig("calibrate", *folders, "-c", pictures / "rig.toml", "-o", result)
     assert done.returncode == 0, done.stderr
-    assert "missing" in done.stdout
+    assert "what is weak" in done.stdout
+    assert "hall shares no rectangle" in done.stdout
     account = next(line for line in done.stderr.splitlines() if line.startswith("not placed: "))
     assert all(name in account for name in ("hall", "shelf", "left", "right"))
     assert result.exists()

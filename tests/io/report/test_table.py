@@ -2,16 +2,19 @@
 
 import io
 from dataclasses import replace
+from html import escape
 
 import numpy as np
 import pytest
 from rich.console import Console
 
+from quadrig.io.drawing.verdict_markdown import verdict_markdown
 from quadrig.io.formats.any_file import read_any_lenses, read_any_rig
 from quadrig.io.formats.rig_json import json_text, rig_values
 from quadrig.io.report.page import report_html
 from quadrig.io.report.table import print_rig
 from quadrig.io.rig_file.rig_mcap import RigFile, read_rig, write_rig
+from quadrig.rig.doubt.verdict import verdict
 from quadrig.rig.words import with_sigma
 
 
@@ -57,12 +60,12 @@ def test_a_camera_that_has_only_a_lens_is_shown_as_that(lens_only_rig):
     text = printed(lens_only_rig)
     below = text[text.index("lens only") :]
     assert lens_only_rig.apart[0].cameras[0].name in below
-    assert lens_only_rig.cameras[0].name not in below.split("missing")[0]
+    assert lens_only_rig.cameras[0].name not in below.split("what is weak")[0]
 
 
 def test_one_camera_is_headed_by_its_lens(lens_only_rig):
     text = printed(lens_only_rig.apart[0])
-    assert text.startswith("good for directions to")
+    assert text.startswith("Good for directions to")
     assert "unknown" not in text
     assert "lens only" not in text
 
@@ -93,3 +96,13 @@ def test_it_comes_back_from_json_too(lens_only_rig, tmp_path):
     assert camera.name == name
     assert back.focal_sigma(name) == pytest.approx(lens_only_rig.apart[0].focal_sigma(name))
     assert read_any_lenses(tmp_path / "rig.json").keys() == {c.name for c in lens_only_rig.cameras} | {name}
+
+
+def test_terminal_report_and_viewer_say_one_list(example_rig, lens_only_rig):
+    for rig in (example_rig, lens_only_rig):
+        said = verdict(rig)
+        page, words = report_html(RigFile(rig)), verdict_markdown(rig)
+        for sentence in (said.headline, *said.weak):
+            assert sentence in printed(rig, width=1000)
+            assert escape(sentence) in page
+            assert sentence in words
