@@ -7,8 +7,12 @@ from typing import Any, Union, get_type_hints
 
 import msgspec
 
+from quadrig.single.errors import QuadrigError
 from quadrig.single.markings.registry import marking_kinds
 from quadrig.single.rectangle import Marking
+
+# A square needs ten pixels, so that a picture of a hundred megapixels shows no more of them.
+_MOST_SQUARES = 10**6
 
 
 def marking_table(kinds: Sequence[type[Marking]]) -> Any:
@@ -33,6 +37,8 @@ def _table(kind: type[Marking]) -> type[msgspec.Struct]:
 def marking_of(table: msgspec.Struct) -> Marking:
     """The marking of a table. Raises QuadrigError where there can be no such marking."""
     values = msgspec.to_builtins(table)
+    if values.get("columns", 0) * values.get("rows", 0) > _MOST_SQUARES:
+        raise QuadrigError(f"{values['columns']} x {values['rows']} squares fit on no sheet; give their true number")
     return marking_kinds()[values.pop("kind")](**values)
 
 

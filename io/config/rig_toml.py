@@ -174,6 +174,11 @@ def parse_config(text: str, name: str = "rig.toml") -> RigConfig:
         tables = msgspec.toml.decode(text, type=root)
     except msgspec.DecodeError as error:
         raise decode_error(error, text, name, root) from error
+    except RecursionError as error:
+        raise QuadrigError(f"{name}: lists or tables are nested too deep; rig.toml needs three levels") from error
+    except ValueError as error:
+        # What Python itself will not read as a number.
+        raise QuadrigError(f"{name}: this is not TOML: {error}") from error
     if not tables.rectangle:
         raise QuadrigError(f"{name}: there is no [[rectangle]]; describe at least one that several cameras see")
     rectangles = tuple(_rectangle(table, i, text, name) for i, table in enumerate(tables.rectangle))
@@ -282,12 +287,14 @@ def _camera(table: _Camera, index: int, text: str, name: str) -> CameraConfig:
 
 
 def _check_unique(kind: str, names: list[str], text: str, name: str) -> None:
+    seen: set[str] = set()
     for index, one in enumerate(names):
-        if one in names[:index]:
+        if one in seen:
             raise QuadrigError(
                 f"{locate(name, text, f'$.{kind}[{index}]', 'name')}: two {kind}s are called {one!r}; "
                 "give each a name of its own"
             )
+        seen.add(one)
 
 
 def _check_markings(rectangles: tuple[Rectangle, ...], text: str, name: str) -> None:

@@ -9,6 +9,7 @@ import numpy as np
 
 from quadrig.io.recording.image_message import STAMP_BYTES, EncodedImage, read_image, read_stamp, stamp_of_whole
 from quadrig.io.recording.mcap_reader import McapBytes, TopicMessages
+from quadrig.io.recording.ros_bag import BagBytes, is_bag
 from quadrig.single.arrays import Ints
 
 # ns; what a signed integer of 64 bits holds: a later time is damaged.
@@ -85,7 +86,7 @@ class OpenMessages:
 
     def __init__(self, messages: McapMessages) -> None:
         self._messages = messages
-        self._files: dict[Path, McapBytes] = {}
+        self._files: dict[Path, McapBytes | BagBytes] = {}
 
     def __enter__(self) -> Self:
         return self
@@ -98,7 +99,7 @@ class OpenMessages:
         """The bytes of a message, or its first `limit`. Raises ValueError where the file is damaged there."""
         topic, message = self._place(index)
         if topic.path not in self._files:
-            self._files[topic.path] = McapBytes(topic.path)
+            self._files[topic.path] = (BagBytes if is_bag(topic.path) else McapBytes)(topic.path)
         return self._files[topic.path].message(int(topic.chunks[message]), int(topic.offsets[message]), limit)
 
     def image(self, index: int) -> EncodedImage:

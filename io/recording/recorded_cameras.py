@@ -19,6 +19,7 @@ from quadrig.io.recording.image_folder import (
 from quadrig.io.recording.image_message import holds_images
 from quadrig.io.recording.mcap_reader import index_mcap
 from quadrig.io.recording.picture_times import with_times
+from quadrig.io.recording.ros_bag import index_bag, is_bag
 from quadrig.io.recording.topic_cameras import cameras_of_mcaps
 from quadrig.io.recording.video import VIDEO_SUFFIXES, read_video
 from quadrig.single.arrays import Picture
@@ -60,7 +61,8 @@ def open_recording(
     topics: Mapping[str, str | None] | None = None,
     rate: float | None = None,
 ) -> Recording:
-    """Open MCAP files (parts of one recording), videos, folders of images and single images as one recording.
+    """Open MCAP files and bags of ROS (parts of one recording), videos, folders of images and single images as one
+    recording.
 
     A path with {camera} in it is a pattern of image files, such as pictures/camera_{camera}_*.jpg.
     topics: the cameras wanted, by name, each with its topic (or the path of its video or folder), or None where the
@@ -80,12 +82,14 @@ def open_recording(
             files += [file for camera in found for file in _picture_files(camera)]
             continue
         for part in _expand(path):
-            if part.is_dir() or part.suffix.lower() in VIDEO_SUFFIXES | IMAGE_SUFFIXES:
+            if is_bag(part):
+                mcaps.append(part)
+            elif part.is_dir() or part.suffix.lower() in VIDEO_SUFFIXES | IMAGE_SUFFIXES:
                 cameras.append(_camera_of_files(part, notes))
                 files.append(part)
             else:
                 mcaps.append(part)
-    indexes = [index_mcap(path) for path in mcaps]
+    indexes = [index_bag(path) if is_bag(path) else index_mcap(path) for path in mcaps]
     for index in indexes:
         if index.note:
             notes.append(f"{index.path}: {index.note}; what is whole is used")
@@ -107,10 +111,10 @@ def _expand(path: Path) -> list[Path]:
         raise QuadrigError(f"{path}: no such file or folder; name an MCAP file, videos or folders of images")
     if not path.is_dir():
         return [path]
-    if folder_images(path):
+    if folder_images(path) or is_bag(path):
         return [path]
     inside = sorted(path.iterdir())
-    mcaps = [p for p in inside if p.suffix.lower() == ".mcap" and not is_result(p)]
+    mcaps = [p for p in inside if (p.suffix.lower() == ".mcap" and not is_result(p)) or is_bag(p)]
     videos = [p for p in inside if p.suffix.lower() in VIDEO_SUFFIXES]
     folders = [p for p in inside if p.is_dir() and folder_images(p)]
     parts = mcaps or [*videos, *folders]

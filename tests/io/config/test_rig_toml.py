@@ -1,5 +1,6 @@
 """rig.toml: what is read is what was meant, what is wrong is said in one sentence, what is written is read back."""
 
+import time
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -148,3 +149,31 @@ def test_a_kind_of_marking_from_outside_is_read_and_written() -> None:
         parse_config(text.replace("count = 3", "count = 'three'"))
     with pytest.raises(QuadrigError, match=r"line 5.*legs.*count, arm"):
         parse_config(text.replace("count = 3", "count = 3, legs = 2"))
+
+
+@pytest.mark.parametrize("text", ["x = " + "[" * 5000 + "]" * 5000, "x = " + "{a=" * 5000 + "1" + "}" * 5000])
+def test_nested_too_deep_is_one_sentence(text):
+    with pytest.raises(QuadrigError, match="lists or tables are nested too deep"):
+        parse_config(text)
+
+
+def test_ten_thousand_rectangles_take_no_time():
+    table = '[[rectangle]]\nname = "r{}"\nwidth = 0.1\nheight = 0.1\nmarking = {{ kind = "points" }}\n'
+    began = time.process_time()
+    assert len(parse_config("".join(table.format(k) for k in range(10_000))).rectangles) == 10_000
+    assert time.process_time() - began < 2
+    with pytest.raises(QuadrigError, match="line 49997: two rectangles are called 'r0'"):
+        parse_config("".join(table.format(k % 9999) for k in range(10_000)))
+
+
+@pytest.mark.parametrize(
+    "marking",
+    [
+        '{ kind = "chessboard", columns = 2000000000, rows = 2000000000, square = 0.01 }',
+        '{ kind = "charuco", columns = 2000, rows = 2000, square = 0.1, marker = 0.07, dictionary = "aruco_4x4_50" }',
+        '{ kind = "chessboard", columns = 2, rows = ' + "9" * 5000 + ", square = 0.01 }",
+    ],
+)  # fmt: skip
+def test_absurd_boards_are_one_sentence(marking):
+    with pytest.raises(QuadrigError, match=r"squares fit on no sheet|this is not TOML"):
+        parse_config(f'[[rectangle]]\nname = "board"\nmarking = {marking}\n')
