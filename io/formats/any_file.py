@@ -63,25 +63,43 @@ def read_any_lenses(*paths: Path | str, size: tuple[int, int] | None = None) -> 
 
 
 def _read_all(paths: tuple[Path | str, ...], unit: float | None, size: tuple[int, int] | None) -> Held:
-    each = []
-    for path in paths:
-        try:
-            each.append(_read(Path(path)))
-        except OSError as error:
-            raise QuadrigError(f"{path}: cannot be read ({error.strerror or error}); give another file") from error
+    files, each = [Path(path) for path in paths], []
+    try:
+        files = [file for path in files for file in _files_of(path)]
+        for file in files:
+            each.append(_read(file))
+    except OSError as error:
+        raise QuadrigError(f"{error.filename}: cannot be read ({error.strerror or error}); give another") from error
     if len(each) == 1 and each[0].rig is not None:
         return each[0]
     if any(held.rig is not None for held in each):
         raise QuadrigError(f"{paths[0]}: a file that holds a whole rig is read alone; give one file")
+    placing = [file for file, held in zip(files, each, strict=True) if held.poses]
+    # Files of one camera each are a set, as mrcal writes it; two of several are two rigs, each in a frame of its own.
+    if len(placing) > 1 and any(len(held.poses) > 1 for held in each):
+        raise QuadrigError(f"{placing[1]}: poses are in {placing[0]} too, in a frame of its own; give one of the two")
     lenses, poses = {}, {}
-    for path, held in zip(paths, each, strict=True):
-        each_part = (lenses, _with_size(held, size, path)), (poses, _in_metres(held, unit, path))
+    for file, held in zip(files, each, strict=True):
+        each_part = (lenses, _with_size(held, size, file)), (poses, _in_metres(held, unit, file))
         for mine, theirs in each_part:
             twice = sorted(mine.keys() & theirs.keys())
             if twice:
-                raise QuadrigError(f"{path}: camera {twice[0]!r} is in an earlier file too; give each camera once")
+                raise QuadrigError(f"{file}: camera {twice[0]!r} is in an earlier file too; give each camera once")
             mine.update(theirs)
     return Held(lenses, poses, next((held.frame for held in each if held.frame), ""))
+
+
+def _files_of(path: Path) -> list[Path]:
+    """A path itself; of a folder that is no format's own, the files in it that are of some format."""
+    if not path.is_dir() or _format_of(path, b"") is not None:
+        return [path]
+    files = sorted(file for file in path.iterdir() if file.is_file() and 0 < file.stat().st_size < _LARGEST_FILE)
+    return [file for file in files if _format_of(file, _head(file)) is not None] or [path]
+
+
+def _format_of(path: Path, head: bytes) -> str | None:
+    found = (name for name, form in FORMATS.items() if form.read is not None and form.recognises(path, head))
+    return next(found, None)
 
 
 def _with_size(held: Held, size: tuple[int, int] | None, path: Path | str) -> dict[str, Intrinsics]:
@@ -110,19 +128,19 @@ def _read(path: Path) -> Held:
         raise QuadrigError(f"there is no {path}; give a rig.mcap, or a file of another program (docs/formats.md)")
     if path.is_file() and is_mcap(path):
         return Held(rig=read_rig(path))
-    head = b"" if path.is_dir() else _head(path)
-    for name, form in FORMATS.items():
-        if form.read is not None and form.recognises(path, head):
-            try:
-                with np.errstate(all="ignore"):
-                    return form.read(path)
-            # Damage shows as whatever the parsers of YAML, JSON, TOML, XML and OpenCV stumble over.
-            except _DAMAGE as error:
-                reason = " ".join(str(error).split()) or type(error).__name__
-                raise QuadrigError(f"{path}: cannot be read as {name} ({reason}); write it again") from error
-    known = ", ".join(name for name, form in FORMATS.items() if form.read is not None)
-    what = "folder" if path.is_dir() else "file"
-    raise QuadrigError(f"{path}: the {what} is in none of the formats that quadrig reads: rig.mcap, {known}")
+    name = _format_of(path, b"" if path.is_dir() else _head(path))
+    reader = None if name is None else FORMATS[name].read
+    if reader is None:
+        known = ", ".join(name for name, form in FORMATS.items() if form.read is not None)
+        what = "folder" if path.is_dir() else "file"
+        raise QuadrigError(f"{path}: the {what} is in none of the formats that quadrig reads: rig.mcap, {known}")
+    try:
+        with np.errstate(all="ignore"):
+            return reader(path)
+    # Damage shows as whatever the parsers of YAML, JSON, TOML, XML and USD stumble over.
+    except _DAMAGE as error:
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise QuadrigError(f"{path}: cannot be read as {name} ({reason}); write it again") from error
 
 
 def _head(path: Path) -> bytes:

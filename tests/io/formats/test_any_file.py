@@ -182,6 +182,22 @@ def test_aliases_within_aliases_are_one_sentence(tmp_path):
         read_any_rig(tmp_path / "chain.yaml")
 
 
+@pytest.mark.parametrize("names", ["mrcal", "ros urdf", "ros tf"])
+def test_a_folder_of_files_is_one_rig(names, example_rig, tmp_path):
+    written(tmp_path, example_rig, *names.split())
+    (tmp_path / "notes.txt").write_text("nothing of the kind")
+    assert_same(read_any_rig(tmp_path), example_rig)
+
+
+def test_poses_of_two_files_are_in_two_frames(example_rig, tmp_path):
+    one, two = (tmp_path / name for name in ("one", "two"))
+    for folder, cameras in ((one, example_rig.cameras[:2]), (two, example_rig.cameras[2:])):
+        folder.mkdir()
+        written(folder, replace(example_rig, cameras=cameras, fits=()), "kalibr")
+    with pytest.raises(QuadrigError, match="in a frame of its own"):
+        read_any_rig(one / "camchain.yaml", two / "camchain.yaml")
+
+
 def test_a_folder_that_holds_no_model_is_one_sentence(tmp_path):
     with pytest.raises(QuadrigError, match="the folder is in none of the formats"):
         read_any_rig(tmp_path)

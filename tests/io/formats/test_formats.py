@@ -218,6 +218,15 @@ def test_anipose_reads_its_own(rig, tmp_path):
         assert_pixels(held.project(POINTS).reshape(-1, 2), camera)
 
 
+def test_caliscope_reads_its_own(rig, tmp_path):
+    arrays = pytest.importorskip("caliscope.cameras.camera_array", reason="caliscope's own reader is caliscope")
+    [path] = written(tmp_path, rig, "caliscope")
+    held = arrays.CameraArray.from_toml(path).cameras
+    for camera, seen in zip(rig.cameras, held.values(), strict=True):
+        in_camera = POINTS @ seen.rotation.T + seen.translation
+        assert_pixels(opencv_pixels(in_camera, seen.matrix, seen.distortions, seen.fisheye), camera)
+
+
 def test_nerfstudio_looks_along_minus_z(rig):
     values = json.loads(export_files(rig, "nerfstudio")["transforms.json"])
     assert values["camera_model"] == ("OPENCV_FISHEYE" if is_fisheye(rig) else "OPENCV")
