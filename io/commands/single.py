@@ -6,6 +6,7 @@ from typing import Annotated
 import numpy as np
 import typer
 
+from quadrig.io.config.kalibr_target import read_target
 from quadrig.io.config.known_sizes import PAPER_SIZES
 from quadrig.io.recording.decode_image import UndecodableImage, decode_file
 from quadrig.io.recording.picture_header import read_header
@@ -52,6 +53,9 @@ def single(
     chessboard: Annotated[
         str | None, typer.Option(help="A chessboard, as COLUMNSxROWS:SQUARE, squares and metres.")
     ] = None,
+    target: Annotated[
+        Path | None, typer.Option(help="A target file of Kalibr's: AprilGrid, checkerboard or circle grid.")
+    ] = None,
     plain: Annotated[bool, typer.Option("--plain", help="A blank sheet: the default where none is given.")] = False,
     focal: Annotated[float | None, typer.Option(help="The focal where it is known, px.")] = None,
     principal_point: Annotated[
@@ -82,7 +86,7 @@ def single(
     """
     picture, turned_by_exif = read_picture(image)
     size = _size(width, height, paper, portrait)
-    rectangle = _rectangle(size, _marking(corners, tag, charuco, chessboard, plain))
+    rectangle = _rectangle(size, _marking(corners, tag, charuco, chessboard, target, plain))
     remarks = [f"the picture was {turned_by_exif}, as its EXIF says"] if turned_by_exif else []
     if corners is None:
         view = _found(picture, rectangle, image)
@@ -143,7 +147,12 @@ def _size(width: float | None, height: float | None, paper: str | None, portrait
 
 
 def _marking(
-    corners: tuple[str, ...] | None, tag: str | None, charuco: str | None, chessboard: str | None, plain: bool
+    corners: tuple[str, ...] | None,
+    tag: str | None,
+    charuco: str | None,
+    chessboard: str | None,
+    target: Path | None,
+    plain: bool,
 ) -> Marking:
     given = [
         name
@@ -152,6 +161,7 @@ def _marking(
             ("--tag", tag),
             ("--charuco", charuco),
             ("--chessboard", chessboard),
+            ("--target", target),
             ("--plain", plain or None),
         )
         if value is not None
@@ -167,6 +177,8 @@ def _marking(
         return TagMarking(dictionary, int(number))
     if charuco is not None:
         return _charuco(charuco)
+    if target is not None:
+        return read_target(target)
     if chessboard is not None:
         parts = chessboard.split(":")
         if len(parts) != 2:

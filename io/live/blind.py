@@ -1,12 +1,15 @@
-"""Why a camera finds no sheet: one that rig.toml does not name, motion, or a lens that is not in focus."""
+"""Why a camera finds no sheet: it is mirrored, described otherwise or not named in rig.toml, it moves, or the lens is
+not in focus."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from quadrig.io.live.search import Search, halved
+from quadrig.io.search.plain_sights import sight_words
 from quadrig.rig.coach.capture_faults import unreadable_fault, wrong_board_fault
 from quadrig.rig.coach.fault import Fault
 from quadrig.single.arrays import Picture
+from quadrig.single.detect.plain_sight import PlainSight, redescribed
 from quadrig.single.detect.tag import find_tags
 from quadrig.single.detect.tag_families import families
 from quadrig.single.rectangle import Rectangle
@@ -37,6 +40,7 @@ class BlindCameras:
         self._turn, self._last = 0, 0.0
         self._looks: dict[str, _Look] = {}
         self._pictures: dict[str, Picture] = {}
+        self._sights: dict[str, PlainSight | None] = {}
 
     def look(self, searches: Sequence[Search], now: float) -> Fault | None:
         """What keeps one of the cameras from finding anything, in words. now: s, of the frames' clock."""
@@ -49,6 +53,8 @@ class BlindCameras:
         search = blind[self._turn // 2 % len(blind)]
         other = [self._others[self._turn // 2 // len(blind) % len(self._others)]] if self._others else []
         half, half_before = halved(search.grey), halved(before.get(search.camera, search.grey))
+        if said := self._described_otherwise(search.camera, half):
+            return said
         tags = frozenset((name, tag) for name in [*self._own, *other] for tag in find_tags(half, name, quick=True))
         look = _Look(tags, unreadable_fault(search.camera, half, half_before))
         if look.fault is not None and look.fault.kind == "motion" and len(blind) < len(searches):
@@ -58,3 +64,11 @@ class BlindCameras:
         if twice := sorted(look.tags & known.tags):
             return wrong_board_fault({search.camera: twice}, self._rectangles)
         return look.fault if look.fault == known.fault else None
+
+    def _described_otherwise(self, camera: str, half: Picture) -> Fault | None:
+        """Whether two looks in a row show a rectangle mirrored, or as it would be with another marking."""
+        known, sight = self._sights.get(camera), redescribed([half], self._rectangles)
+        self._sights[camera] = sight
+        if sight is None or sight != known:
+            return None
+        return Fault("wrong board", sight_words(camera, sight, self._rectangles), camera)

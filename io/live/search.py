@@ -14,7 +14,13 @@ import numpy as np
 
 from quadrig.io.live.capture.frame import Frame
 from quadrig.single.arrays import Picture
-from quadrig.single.detect.image_search import check_rectangles, detect_views, find_views, follow_views
+from quadrig.single.detect.image_search import (
+    check_rectangles,
+    detect_views,
+    find_mirrored,
+    find_views,
+    follow_views,
+)
 from quadrig.single.detect.tag_families import families, search_tags
 from quadrig.single.rectangle import FoundTags, Rectangle, TagFamily
 from quadrig.single.view import View
@@ -28,7 +34,8 @@ class Search:
     """What one frame showed. views: with camera, frameset and time, rough where `refine` can do better; grey: its
     picture; time: s, of the frame, nan where unknown.
 
-    found: the tags' rough corners (4, 2) px in OpenCV's order, by dictionary and polarity, then by id.
+    found: the tags' rough corners (4, 2) px in OpenCV's order, by dictionary and polarity, then by id. behind: exact
+    Views of rectangles seen from behind; views has them too.
     """
 
     camera: str
@@ -37,16 +44,18 @@ class Search:
     grey: Picture
     found: dict[TagFamily, FoundTags]
     time: float = float("nan")
+    behind: tuple[View, ...] = ()
 
 
 @dataclass
 class _Memory:
     """count: frames of one camera so far; at_half: whether all tags of a family are found at half size, too;
-    untagged: what bears no tags, in its last frame."""
+    untagged: what bears no tags, in its last frame; behind: what was seen from behind in it."""
 
     count: int
     at_half: dict[TagFamily, bool] = field(default_factory=dict)
     untagged: dict[str, View] = field(default_factory=dict)
+    behind: tuple[View, ...] = ()
 
 
 class LiveSearch:
@@ -55,6 +64,7 @@ class LiveSearch:
     def __init__(self, rectangles: Sequence[Rectangle]) -> None:
         check_rectangles(rectangles)
         self._families = families(rectangles)
+        self._two_sided = [rectangle for rectangle in rectangles if rectangle.back]
         self._untagged = [rectangle for rectangle in rectangles if rectangle.marking.tags is None]
         self._memories: dict[str, _Memory] = {}
 
@@ -75,8 +85,9 @@ class LiveSearch:
         ]
         others = self._without_tags(grey, memory.untagged, thorough)
         memory.untagged = {view.rectangle: view for view in others}
-        search = Search(frame.camera, frameset, (), grey, found, frame.time)
-        return replace(search, views=_named([*views, *others], search))
+        memory.behind = self._behind(grey, {view.rectangle for view in views}, memory.behind, thorough)
+        search = Search(frame.camera, frameset, (), grey, found, frame.time, memory.behind)
+        return replace(search, views=_named([*views, *others, *memory.behind], search))
 
     def refine(self, search: Search, names: Collection[str]) -> tuple[View, ...]:
         """The Views of these rectangles with corners fitted to a fraction of a pixel, where they can be."""
@@ -85,6 +96,7 @@ class LiveSearch:
         for family, members in self._families.items():
             wanted = [rectangle for rectangle in members if rectangle.name in names]
             views += find_views(search.grey, wanted, search.found[family])
+        views += [view for view in search.behind if view.rectangle in names]
         return _named(views, search)
 
     def _tags_in(self, grey: Picture, half: Picture, family: TagFamily, memory: _Memory, thorough: bool) -> FoundTags:
@@ -99,6 +111,12 @@ class LiveSearch:
 
     def _tags(self, grey: Picture, family: TagFamily, thorough: bool = False) -> FoundTags:
         return search_tags(grey, self._families[family], quick=not thorough)
+
+    def _behind(self, grey: Picture, in_front: set[str], before: Sequence[View], thorough: bool) -> tuple[View, ...]:
+        """What is seen from behind, where it was a frame ago; elsewhere now and then, for it is a second search."""
+        there = {view.rectangle for view in before}
+        sought = [r for r in self._two_sided if r.name not in in_front and (thorough or r.name in there)]
+        return tuple(find_mirrored(grey, sought, near=None if thorough else before))
 
     def _without_tags(self, grey: Picture, before: dict[str, View], thorough: bool) -> list[View]:
         """Chessboards and plain sheets, near where they were; elsewhere only now and then, for it takes long."""

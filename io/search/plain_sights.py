@@ -1,6 +1,6 @@
 """What cameras that found nothing have in plain sight, in sentences: a mirrored sheet, another board, other tags."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -59,24 +59,25 @@ def sight_sentence(who: str, pictures: Sequence[Picture], rectangles: Sequence[R
     who: the camera, or whatever sees.
     """
     sight = plain_sight(pictures, rectangles)
-    return None if sight is None else _sentence(who, sight, {rectangle.name: rectangle for rectangle in rectangles})
+    return None if sight is None else sight_words(who, sight, rectangles)
 
 
-def _sentence(who: str, sight: PlainSight, rectangles: Mapping[str, Rectangle]) -> str:
+def sight_words(who: str, sight: PlainSight, rectangles: Sequence[Rectangle]) -> str:
+    """What somebody sees in the place of the rectangles, in a sentence."""
     if sight.mirrored:
         return (
             f"{who} sees {sight.rectangle!r} mirrored: in a mirror, or from behind; show it the front, or set "
             "back = true in its [[rectangle]] where it is printed through or lies on glass"
         )
     if sight.marking is not None:
-        given = rectangles[sight.rectangle].marking
+        given = next(rectangle.marking for rectangle in rectangles if rectangle.name == sight.rectangle)
         line = toml_line("marking", marking_keys(sight.marking))
         return (
             f"{who} does not see {sight.rectangle!r} as it is described, but {_words(sight.marking)}"
             f"{_counted(given, sight.marking)}; if that is the one, write in rig.toml: {line}"
         )
     listed = ", ".join(map(str, sight.ids[:6])) + (" and more" if len(sight.ids) > 6 else "")
-    expected = ", ".join(rectangle.marking.description for rectangle in rectangles.values())
+    expected = ", ".join(rectangle.marking.description for rectangle in rectangles)
     if sight.family is None:
         seen = "a chessboard of {} x {} squares, which is".format(*sight.squares)
     else:

@@ -66,7 +66,7 @@ def redescribed(pictures: Sequence[Picture], rectangles: Sequence[Rectangle]) ->
     pictures = [grey for grey in pictures if min(grey.shape) >= _SMALLEST]
     with_tags = [r for r in rectangles if r.marking.tags is not None and not r.back]
     for grey in pictures:
-        for view in find_mirrored(grey, with_tags):
+        for view in find_mirrored(grey, with_tags, near=[]):
             return PlainSight(view.rectangle, mirrored=True)
     for rectangle in rectangles:
         marking = _meant_instead(pictures, rectangle)
@@ -91,7 +91,8 @@ def _meant_instead(pictures: Sequence[Picture], rectangle: Rectangle) -> Marking
             if marking == rectangle.marking:
                 continue
             width, height = marking.size or (rectangle.width, rectangle.height)
-            views = detect_views(grey, [replace(rectangle, width=width, height=height, marking=marking, back=False)])
+            other = replace(rectangle, width=width, height=height, marking=marking, back=False)
+            views = detect_views(grey, [other], near=[])
             points = max((len(view.pixels) for view in views), default=0)
             if points > most:
                 best, most = marking, points

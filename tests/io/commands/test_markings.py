@@ -138,6 +138,16 @@ def test_what_is_in_plain_sight_is_said(tmp_path, capsys, shown, given, cameras,
         assert said[0] in json.loads(printed.out)["missing"]["cam1"]
 
 
+def test_one_picture_of_a_kalibr_target(tmp_path, capsys):
+    record(tmp_path / "room", board(AprilGridMarking(5, 4, 0.036, 0.3)), BESIDE)
+    (tmp_path / "april.yaml").write_text(KALIBR)
+    picture = str(tmp_path / "room" / "cam0" / "000.png")
+    assert run(["single", picture, "--target", str(tmp_path / "april.yaml"), "--json"]) == 0
+    low, high = json.loads(capsys.readouterr().out)["focal_interval_px"]
+    assert low - 10 < LENSES[0].focal < high + 10
+    assert high - low < 0.1 * LENSES[0].focal
+
+
 def test_one_picture_says_it_too(tmp_path, capsys):
     record(tmp_path / "room", board(ChessboardMarking(10, 7, 0.022)), BESIDE)
     picture = str(tmp_path / "room" / "cam0" / "000.png")

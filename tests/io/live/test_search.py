@@ -1,7 +1,10 @@
 """The live search beside the full one."""
 
+from dataclasses import replace
+
 import numpy as np
 
+from quadrig.io.live.blind import BlindCameras
 from quadrig.io.live.capture.frame import Frame
 from quadrig.io.live.capture.source_spec import parse_source
 from quadrig.io.live.search import LiveSearch
@@ -34,6 +37,29 @@ def test_search_finds_what_a_full_search_finds(room):
             np.testing.assert_array_equal(exact[view.rectangle].points, view.points)
             # The fit begins at outlines found in a window instead of the picture: a twentieth of a pixel at most.
             np.testing.assert_allclose(exact[view.rectangle].pixels, view.pixels, atol=0.05)
+
+
+def test_what_is_seen_from_behind_is_found_and_what_is_mirrored_is_said(room):
+    lens, turned = Intrinsics.centred(960, 540, 750.0), np.array([0.2, np.pi - 0.2, 0.0])
+    board = replace(room.BOARD, back=True)
+    search, blind = LiveSearch([board]), BlindCameras([room.BOARD])
+    said = []
+    for step in range(4):
+        pose = Pose(rotation_from_vector(turned), np.array([0.01 * step, 0, 1.2]))
+        grey = render_image(
+            lens, Pose.identity(), [Sheet(board, pose)], capture=Capture(blur=0.6, noise=1.0), colour=False
+        )
+        found = search.search(Frame("cam0", step, 0.0, picture=grey), step)
+        (view,) = search.refine(found, {"board"})
+        assert view.back
+        assert np.abs(view.pixels - lens.project(pose.transform(view.points))).max() < 0.3
+        front = LiveSearch([room.BOARD]).search(Frame("cam0", step, 0.0, picture=grey), step)
+        assert front.views == ()
+        said.append(blind.look([front], step + 1.0))
+    # One look is not believed.
+    assert said[0] is None
+    assert said[1] is not None
+    assert "cam0 sees 'board' mirrored" in said[1].sentence
 
 
 def test_pictures_of_a_folder_say_nothing_of_when_they_were_taken(tmp_path, room):
