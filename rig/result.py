@@ -10,6 +10,7 @@ from quadrig.rig.sheet_shape import SheetShape
 from quadrig.rig.words import counted, figure, length, with_sigma
 from quadrig.single.arrays import Floats, Ints, Mask
 from quadrig.single.lens import LENS_PARAMETERS, Intrinsics
+from quadrig.single.lens_prior import LensEvidence
 from quadrig.single.pose import Pose, compose_jacobians, inverse_jacobian
 from quadrig.single.rectangle import Rectangle
 from quadrig.single.view import View
@@ -30,6 +31,8 @@ class Camera:
     lens_reason: why that lens, in words. rms: px, over the used points of the fit; views: how many Views it used.
     observable_focal: False where focal and distance cannot be separated. clock_offset: s, by how much later than
     the mean of the cameras it takes its pictures for one and the same stamp; zero where it is not observable.
+    lens_evidence: what its Views say of its lens, for another calibration of it; None where they were not asked for
+    all of the lens.
     """
 
     name: str
@@ -42,6 +45,7 @@ class Camera:
     views: int = 0
     observable_focal: bool = True
     clock_offset: float = 0.0
+    lens_evidence: LensEvidence | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -33,6 +33,18 @@ _NOTHING = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
+class LensEvidence:
+    """What Views said of a lens, without what lenses are like: a Gaussian likelihood.
+
+    information (9, 9), which may be singular where they said nothing, and pull (9,): information times the likeliest
+    lens, both in the order of LENS_PARAMETERS.
+    """
+
+    pull: Floats
+    information: Floats
+
+
+@dataclass(frozen=True, eq=False)
 class LensClasses:
     """A mixture of Gaussians over the lens of each camera: weight (C, K), mean (C, K, 9), covariance (C, K, 9, 9),
     in `unit` (C, 9) from `offset` (C, 9). kind (C, K): which of CLASS_NAMES."""
@@ -81,12 +93,13 @@ def lens_classes(
     sizes: Sequence[tuple[int, int]],
     focal: Floats,
     models: Sequence[LensModel],
-    given: Sequence[Intrinsics | None] | None = None,
+    given: Sequence[tuple[Intrinsics | None, Floats | None]] | None = None,
 ) -> LensClasses:
     """The classes of lenses of cameras with pictures of these sizes (width, height) px.
 
     focal (C,) px: about which the prior of its logarithm is linearised, and which scales how much a radial term
-    shows. given: lenses known beforehand, without sigmas; each becomes half of its camera's mixture.
+    shows. given: lenses known beforehand, None where there is none: one without a covariance (9, 9) becomes half of
+    its camera's mixture, one with it is all that is known.
     """
     side = np.array([float(max(size)) for size in sizes])
     middle = np.array([image_middle(*size) for size in sizes])
@@ -98,14 +111,16 @@ def lens_classes(
     unit[:, 0], unit[:, 1:3] = focal, side[:, None]
     unit[:, [3, 4, 7]] = half[:, None] ** -np.array([2.0, 4.0, 6.0])
     weight, mean, covariance, kind = (np.stack(parts) for parts in zip(*map(_template, models), strict=True))
-    for row, lens in enumerate(given or []):
+    for row, (lens, known) in enumerate(given or []):
         if lens is None:
             continue
-        sigma = _GIVEN_SIGMA * np.array([lens.focal, side[row], side[row], *np.ones(6)]) / unit[row]
-        weight[row] *= 1 - _GIVEN
-        weight[row, -1] = _GIVEN
+        sigma = _GIVEN_SIGMA * np.array([lens.focal, side[row], side[row], *np.ones(6)])
+        own = np.diag(sigma**2) if known is None else known
+        share = _GIVEN if known is None else 1.0
+        weight[row] *= 1 - share
+        weight[row, -1] = share
         mean[row, -1] = (lens.parameters - offset[row]) / unit[row]
-        covariance[row, -1] = np.diag(sigma**2)
+        covariance[row, -1] = own / np.outer(unit[row], unit[row]) + _NOTHING**2 * np.eye(9)
     return LensClasses(weight, mean, covariance, kind, offset, unit)
 
 

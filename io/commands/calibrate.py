@@ -15,6 +15,7 @@ from quadrig.io.config.rig_toml import read_config
 from quadrig.io.rig_file.rig_mcap import read_rig, write_rig
 from quadrig.io.search.detection_file import detections_beside
 from quadrig.io.search.effort import Effort
+from quadrig.io.search.known_lenses import read_known_lenses
 from quadrig.io.search.whole_recording import Searched, calibrate_searched, refuse_missing, search_recording
 from quadrig.io.whole_file import refuse_no_place
 from quadrig.rig.result import Rig
@@ -32,6 +33,15 @@ def calibrate(
         list[str] | None, typer.Option(help="Re-solve this camera; the others stay as --from has them; repeatable.")
     ] = None,
     before: Annotated[Path | None, typer.Option("--from", help="The rig.mcap from before a camera moved.")] = None,
+    lenses: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="[NAME=]FILE", help="Lenses known before, with their doubt, from a rig of any format; repeatable."
+        ),
+    ] = None,
+    keep_lenses: Annotated[
+        bool, typer.Option("--keep-lenses", help="Leave the lenses of --lenses as they are.")
+    ] = False,
     all_cameras: Annotated[
         bool, typer.Option("--all-cameras", help="Fail, and write no rig, where a camera cannot be placed.")
     ] = False,
@@ -67,6 +77,8 @@ def calibrate(
 
     Corners clicked with `rig pick`, in corners.toml beside rig.toml: rig calibrate left.jpg middle.jpg right.jpg
 
+    Lenses from the laboratory, poses on site: rig calibrate site.mcap --lenses laboratory.rig.mcap
+
     One camera was moved: rig calibrate new.mcap --only cam2 --from rig.mcap -o rig2.mcap
 
     Many recordings, one rig each: rig calibrate recordings/ --each -o rigs/
@@ -74,9 +86,12 @@ def calibrate(
     described = read_config(config)
     if bool(only) != (before is not None):
         raise QuadrigError("--only and --from belong together: give the camera that moved and the rig from before")
+    if keep_lenses and not lenses:
+        raise QuadrigError("--keep-lenses without --lenses; give the file of the lenses that are to be kept")
     if cache is not None and (no_cache or each):
         other = "--each, which keeps what was found beside each result" if each else "--no-cache"
         raise QuadrigError(f"--cache does not go with {other}; leave one of them out")
+    known = read_known_lenses(lenses or [])
     if each:
         calibrate_one = CalibrateOne(
             described.text,
@@ -86,6 +101,8 @@ def calibrate(
             keep=not no_cache,
             corners=described.corners,
             rate=rate,
+            lenses=known,
+            keep_lenses=keep_lenses,
         )
         _calibrate_each(recording, output, calibrate_one, workers, dask, again)
         return
@@ -95,7 +112,8 @@ def calibrate(
     if not no_cache:
         cache = cache or detections_beside(output)
     earlier = read_rig(before) if before is not None else None
-    searched = search_recording(recording, described, Effort(tolerance, share, workers, cache, rate=rate))
+    effort = Effort(tolerance, share, workers, cache, rate=rate)
+    searched = search_recording(recording, described, effort, lenses=known, keep_lenses=keep_lenses)
     for note in searched.notes:
         print(f"note: {note}", file=sys.stderr)
     try:

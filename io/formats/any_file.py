@@ -16,6 +16,7 @@ from quadrig.rig.result import Rig
 from quadrig.single.arrays import Floats
 from quadrig.single.errors import QuadrigError
 from quadrig.single.lens import Intrinsics
+from quadrig.single.lens_prior import LensEvidence
 from quadrig.single.pose import Pose
 
 # Enough of a file to know it by: what tells formats apart stands in the first camera.
@@ -31,10 +32,11 @@ _DAMAGE = (
 @dataclass(frozen=True, eq=False)
 class KnownLens:
     """A lens known before, and its covariance (9, 9) in the order of LENS_PARAMETERS: nan where it is not known, zero
-    along parameters that were held."""
+    along parameters that were held. evidence: what Views said of it, where the file has that."""
 
     intrinsics: Intrinsics
     covariance: Floats
+    evidence: LensEvidence | None = None
 
 
 def read_any_rig(*paths: Path | str, unit: float | None = None, size: tuple[int, int] | None = None) -> Rig:
@@ -56,7 +58,10 @@ def read_any_lenses(*paths: Path | str, size: tuple[int, int] | None = None) -> 
     held = _read_all(paths, 1.0, size)
     if held.rig is not None:
         known = [*((held.rig, camera) for camera in held.rig.cameras), *held.rig.lens_only]
-        return {one.name: KnownLens(one.intrinsics, rig.lens_covariance(one.name)) for rig, one in known}
+        return {
+            one.name: KnownLens(one.intrinsics, rig.lens_covariance(one.name), one.lens_evidence)
+            for rig, one in known
+        }
     if not held.lenses:
         raise QuadrigError(f"{paths[0]}: it holds no lens; give a file of lenses")
     return {name: KnownLens(lens, np.full((9, 9), np.nan)) for name, lens in held.lenses.items()}

@@ -15,6 +15,7 @@ from quadrig.rig.result import Camera, PlacedRectangle, Rig, ViewFit
 from quadrig.rig.sheet_shape import SheetShape
 from quadrig.single.errors import QuadrigError
 from quadrig.single.lens import Intrinsics, LensModel
+from quadrig.single.lens_prior import LensEvidence
 from quadrig.single.markings.registry import marking_kinds, marking_values
 from quadrig.single.pose import Pose
 from quadrig.single.rectangle import PRINT_SCALE_SIGMA, Marking, Rectangle
@@ -35,6 +36,13 @@ class LensRecord(msgspec.Struct):
     aspect: Number
 
 
+class EvidenceRecord(msgspec.Struct):
+    """LensEvidence: pull (9,) and information (9, 9)."""
+
+    pull: list
+    information: list
+
+
 class CameraRecord(msgspec.Struct):
     """A Camera; rig_from_camera is 4x4."""
 
@@ -48,6 +56,7 @@ class CameraRecord(msgspec.Struct):
     views: int = 0
     observable_focal: bool = True
     clock_offset: Number = 0.0
+    lens_evidence: EvidenceRecord | None = None
 
 
 class RectangleRecord(msgspec.Struct):
@@ -183,7 +192,7 @@ def decode_fit(record: bytes) -> ViewFit:
 
 
 def _camera_record(camera: Camera) -> CameraRecord:
-    lens = camera.intrinsics
+    lens, evidence = camera.intrinsics, camera.lens_evidence
     return CameraRecord(
         name=camera.name,
         lens=LensRecord(
@@ -203,11 +212,14 @@ def _camera_record(camera: Camera) -> CameraRecord:
         views=int(camera.views),
         observable_focal=bool(camera.observable_focal),
         clock_offset=number(camera.clock_offset),
+        lens_evidence=None
+        if evidence is None
+        else EvidenceRecord(numbers(evidence.pull), numbers(evidence.information)),
     )
 
 
 def _camera(held: CameraRecord) -> Camera:
-    lens = held.lens
+    lens, evidence = held.lens, held.lens_evidence
     return Camera(
         name=held.name,
         intrinsics=Intrinsics(
@@ -227,6 +239,9 @@ def _camera(held: CameraRecord) -> Camera:
         views=held.views,
         observable_focal=held.observable_focal,
         clock_offset=read_number(held.clock_offset),
+        lens_evidence=None
+        if evidence is None
+        else LensEvidence(read_numbers(evidence.pull), read_numbers(evidence.information)),
     )
 
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from quadrig.io.config.rig_toml import RigConfig
+from quadrig.io.formats.any_file import KnownLens
 from quadrig.io.recording.camera import RecordedCamera
 from quadrig.io.recording.framesets import Framesets, build_framesets
 from quadrig.io.recording.recorded_cameras import Recording, open_recording
@@ -12,6 +13,7 @@ from quadrig.io.search.choose_frames import choose_frames
 from quadrig.io.search.corner_views import corner_views, without_corners
 from quadrig.io.search.detections import Detections, find_detections
 from quadrig.io.search.effort import EVERY_IMAGE, Effort
+from quadrig.io.search.known_lenses import with_known_lenses
 from quadrig.io.search.plain_sights import plain_sights
 from quadrig.rig.calibration import calibrate
 from quadrig.rig.problem.camera_input import CameraInput
@@ -31,6 +33,7 @@ class Searched:
     detections: Detections
     cameras: tuple[CameraInput, ...]
     sights: Mapping[str, str] = field(default_factory=dict)
+    remarks: tuple[str, ...] = ()
 
     @property
     def views(self) -> list[View]:
@@ -49,6 +52,7 @@ class Searched:
         return [
             *self.recording.notes,
             *self.detections.remarks,
+            *self.remarks,
             *without_corners(self.config),
             *(
                 _left_out(self.recording.camera(name), why, images)
@@ -67,26 +71,39 @@ def _left_out(camera: RecordedCamera, why: str, images: Sequence[int]) -> str:
 
 
 def calibrate_recording(
-    paths: Sequence[Path | str] | Path | str, config: RigConfig, effort: Effort = EVERY_IMAGE
+    paths: Sequence[Path | str] | Path | str,
+    config: RigConfig,
+    effort: Effort = EVERY_IMAGE,
+    *,
+    lenses: Mapping[str, KnownLens] | None = None,
+    keep_lenses: bool = False,
 ) -> Rig:
     """The rig of the cameras of a recording, from the description of the room in a rig.toml.
 
     paths: MCAP files, videos or folders of images that were recorded together. Cameras that share nothing with the
-    largest rig are not placed, and named in Rig.missing.
-    Raises QuadrigError where the recording cannot be searched, or no two cameras can be brought into one frame.
+    largest rig are not placed, and named in Rig.missing; their lenses are in Rig.apart. lenses: known before, by
+    camera (read_any_lenses): with their doubt they count as the Views they come from; keep_lenses: as they are.
+    Raises QuadrigError where the recording cannot be searched, nothing is found, or a lens is not of its cameras.
     """
-    return calibrate_searched(search_recording(paths, config, effort))
+    return calibrate_searched(search_recording(paths, config, effort, lenses=lenses, keep_lenses=keep_lenses))
 
 
 def search_recording(
-    paths: Sequence[Path | str] | Path | str, config: RigConfig, effort: Effort = EVERY_IMAGE
+    paths: Sequence[Path | str] | Path | str,
+    config: RigConfig,
+    effort: Effort = EVERY_IMAGE,
+    *,
+    lenses: Mapping[str, KnownLens] | None = None,
+    keep_lenses: bool = False,
 ) -> Searched:
     """Open a recording and find the rectangles of a rig.toml in it; those whose corners are given by hand as given.
 
     Raises QuadrigError where there are no images, a camera of the rig.toml is missing, nothing can be read, or
-    corners given by hand do not belong to this recording.
+    corners given by hand or lenses do not belong to this recording.
     """
     recording = _opened(paths, config, effort.rate)
+    # Before the search, which takes long: what is wrong with the lenses is known at once.
+    cameras, remarks = with_known_lenses(camera_inputs(recording, config), lenses or {}, keep_lenses)
     every = build_framesets(recording, effort.tolerance)
     pointed = corner_views(config.corners, recording, every)
     framesets = choose_frames(recording, every, effort)
@@ -94,7 +111,7 @@ def search_recording(
     detections = find_detections(recording, framesets, sought, effort)
     detections = replace(detections, views=[*detections.views, *pointed])
     sights = plain_sights(recording, framesets, detections.views, sought, effort)
-    return Searched(config, recording, framesets, detections, tuple(camera_inputs(recording, config)), sights)
+    return Searched(config, recording, framesets, detections, tuple(cameras), sights, tuple(remarks))
 
 
 def _opened(paths: Sequence[Path | str] | Path | str, config: RigConfig, rate: float | None) -> Recording:

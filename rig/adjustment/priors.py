@@ -60,16 +60,34 @@ def estimated_lenses(problem: Problem) -> Mask:
         names = _ESTIMATED.get(camera.lens, LENS_PARAMETERS if model == "pinhole" else _FISHEYE_LENS)
         if not camera.fixed:
             free[row] = [name in names for name in LENS_PARAMETERS]
+        if camera.lens_covariance is not None:
+            free[row] &= np.diag(camera.lens_covariance) > 0
     return free
 
 
 def first_priors(problem: Problem, focal: Floats) -> LensPriors:
-    """The priors before any data; focal (C,) px: about which they are linearised."""
-    return _priors(_classes(problem, focal))
+    """The priors before any data of this problem; focal (C,) px: about which they are linearised."""
+    pull, information = _earlier_evidence(problem)
+    classes = _classes(problem, focal)
+    if information.any():
+        classes = replace(classes, weight=classes.weigh(pull, information))
+    return _priors(problem, classes)
 
 
 def weighed_priors(problem: Problem, before: LensPriors, free: Mask, lens: Floats, covariance: Floats) -> LensPriors:
     """The priors with the classes weighed by the data.
+
+    before: the priors of the fit that gave lens (C, 9) with covariance (C, 9, 9); free (C, 9): what it estimated.
+    """
+    pull, information = lens_evidence(before, free, lens, covariance)
+    earlier = _earlier_evidence(problem)
+    classes = _classes(problem, lens[:, 0])
+    weight = classes.weigh(pull + earlier[0], information + earlier[1])
+    return _priors(problem, replace(classes, weight=weight)).holding_focals(before.focal_share)
+
+
+def lens_evidence(before: LensPriors, free: Mask, lens: Floats, covariance: Floats) -> tuple[Floats, Floats]:
+    """What the Views alone say of each lens: pull (C, 9) and information (C, 9, 9) as LensEvidence has them.
 
     before: the priors of the fit that gave lens (C, 9) with covariance (C, 9, 9); free (C, 9): what it estimated.
     """
@@ -84,18 +102,34 @@ def weighed_priors(problem: Problem, before: LensPriors, free: Mask, lens: Float
     away = np.where(free, (lens - before.mean) / scale, 0.0)
     # Data' pull is P^-1 x - Q m for the posterior (x, P) and the prior (m, Q): P^-1 (x - m) about m.
     pull = (np.where(both, own, 0.0) @ away[..., None])[..., 0] + (data @ (before.mean / scale)[..., None])[..., 0]
-    classes = _classes(problem, lens[:, 0])
-    weight = classes.weigh(pull / scale, data / square)
-    return _priors(replace(classes, weight=weight)).holding_focals(before.focal_share)
+    return pull / scale, data / square
+
+
+def _earlier_evidence(problem: Problem) -> tuple[Floats, Floats]:
+    """What Views of earlier calibrations said of the lenses: pull (C, 9) and information (C, 9, 9), zero for none."""
+    size, cameras = len(LENS_PARAMETERS), problem.cameras
+    pull, information = np.zeros((len(cameras), size)), np.zeros((len(cameras), size, size))
+    for row, camera in enumerate(cameras):
+        if camera.lens_evidence is not None:
+            pull[row], information[row] = camera.lens_evidence.pull, camera.lens_evidence.information
+    return pull, information
 
 
 def _classes(problem: Problem, focal: Floats) -> LensClasses:
     sizes = [(camera.width, camera.height) for camera in problem.cameras]
-    return lens_classes(sizes, focal, lens_models(problem), [camera.intrinsics for camera in problem.cameras])
+    # Evidence speaks for itself, through the classes: the lens that comes with it is where a fit begins.
+    given = [(None if c.lens_evidence is not None else c.intrinsics, c.lens_covariance) for c in problem.cameras]
+    return lens_classes(sizes, focal, lens_models(problem), given)
 
 
-def _priors(classes: LensClasses) -> LensPriors:
+def _priors(problem: Problem, classes: LensClasses) -> LensPriors:
+    """The Gaussian of the classes as they are weighed, and with it what earlier Views said."""
     mean, covariance = classes.moments()
     scale = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
     square = scale[:, :, None] * scale[:, None, :]
-    return LensPriors(mean, np.linalg.inv(covariance / square) / square, classes.kinds(), np.ones(len(mean)))
+    own = np.linalg.inv(covariance / square)
+    pull, earlier = _earlier_evidence(problem)
+    # With the earlier Views' pull h and information L the mean moves by (Q + L)^-1 (h - L m).
+    both = own + earlier * square
+    moved = np.linalg.solve(both, (scale * (pull - (earlier @ mean[..., None])[..., 0]))[..., None])[..., 0]
+    return LensPriors(mean + scale * moved, both / square, classes.kinds(), np.ones(len(mean)))

@@ -11,6 +11,7 @@ from quadrig.rig.doubt.student import student_widening
 from quadrig.rig.doubt.weaknesses import weaknesses
 from quadrig.rig.doubt.working_accuracy import accuracy_of, covered_points
 from quadrig.rig.joint.cross_validation import cross_validate
+from quadrig.rig.joint.known_lenses import with_evidence
 from quadrig.rig.joint.stages import Joint
 from quadrig.rig.joint.view_errors import view_error_variances
 from quadrig.rig.joint.widened import widened_covariance, with_weak_focals
@@ -54,6 +55,8 @@ def _lens_reason(given: CameraInput, kinds: Floats) -> str:
         return "given and kept fixed"
     if given.lens != "auto":
         return f"asked for: {given.lens}"
+    if given.lens_covariance is not None or given.lens_evidence is not None:
+        return "known before, with its doubt, and estimated further"
     likely = int(np.argmax(kinds))
     return f"all parameters estimated; like lenses that are {CLASS_NAMES[likely]} ({100 * kinds[likely]:.0f} %)"
 
@@ -252,6 +255,7 @@ def assemble_rig(
     covariance = student * (covariance + camera_covariance(joint, widened - joint.covariance))
     widening = student * float(without.widening.mean())
     cameras = with_figures(cameras_of(problem, joint), fit, held_out, covariance)
+    cameras, contradicted = with_evidence(problem, joint, cameras, covariance)
     rectangles = rectangles_of(problem, joint, widening)
     accuracy = accuracy_of(cameras, covariance, covered_points(rectangles), joint.noise)
     rows = [index for name in order for index, camera in enumerate(cameras) if camera.name == name]
@@ -270,7 +274,7 @@ def assemble_rig(
         costs=joint.costs,
         dispersion=float(without.widening.mean()),
     )
-    return replace(rig, weak=weaknesses(rig))
+    return replace(rig, weak=(*contradicted, *weaknesses(rig)))
 
 
 def _reordered(covariance: Floats, rows: list[int]) -> Floats:

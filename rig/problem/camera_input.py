@@ -3,8 +3,12 @@
 from dataclasses import dataclass
 from typing import Literal
 
+import numpy as np
+
+from quadrig.single.arrays import Floats
 from quadrig.single.errors import QuadrigError
-from quadrig.single.lens import Intrinsics
+from quadrig.single.lens import LENS_PARAMETERS, Intrinsics
+from quadrig.single.lens_prior import LensEvidence
 
 LensChoice = Literal["auto", "f", "f k1", "f k1 k2", "f c k1 k2", "full", "fisheye"]
 
@@ -13,9 +17,12 @@ LensChoice = Literal["auto", "f", "f k1", "f k1 k2", "f c k1 k2", "full", "fishe
 class CameraInput:
     """A camera of a recording: its name, image size, and what is given of its lens.
 
-    intrinsics: a first guess or, where fixed, the truth that stays. lens: which parameters are estimated;
-    "auto" estimates all that the lens model has, under the priors of real lenses.
-    Raises QuadrigError where the image has no size.
+    intrinsics: a first guess or, where fixed, the truth that stays. lens_covariance (9, 9), in the order of
+    LENS_PARAMETERS: how sure they are, which makes them what is known of this lens before its Views, in place of the
+    priors of real lenses; parameters of no variance stay as they are. lens_evidence: of the Views that they come from
+    (Camera.lens_evidence), which count then as if they were here. lens: which parameters are estimated; "auto"
+    estimates all that the lens model has.
+    Raises QuadrigError where the image has no size, or what is known is not of the lens that is given.
     """
 
     name: str
@@ -24,9 +31,30 @@ class CameraInput:
     intrinsics: Intrinsics | None = None
     fixed: bool = False
     lens: LensChoice = "auto"
+    lens_covariance: Floats | None = None
+    lens_evidence: LensEvidence | None = None
 
     def __post_init__(self) -> None:
         if self.width <= 0 or self.height <= 0:
             raise QuadrigError(
                 f"camera {self.name!r}: image size {self.width}x{self.height}; give the size of its pictures"
             )
+        doubts = [known for known in (self.lens_covariance, self.lens_evidence) if known is not None]
+        if doubts and self.intrinsics is None:
+            raise QuadrigError(f"camera {self.name!r}: doubt of a lens without intrinsics; give its lens")
+        if len(doubts) > 1:
+            raise QuadrigError(f"camera {self.name!r}: lens_covariance and lens_evidence say the same; give one")
+        if self.lens_covariance is not None:
+            self._check_covariance(self.lens_covariance)
+
+    def _check_covariance(self, covariance: Floats) -> None:
+        size = len(LENS_PARAMETERS)
+        if covariance.shape != (size, size) or not np.isfinite(covariance).all():
+            raise QuadrigError(
+                f"camera {self.name!r}: lens_covariance is no matrix of {size} x {size} finite numbers; leave it out "
+                "where it is not known"
+            )
+        scale = np.sqrt(np.maximum(np.diag(covariance), np.finfo(float).tiny))
+        # Rounding leaves eigenvalues of what is perfectly correlated a little below zero.
+        if np.linalg.eigvalsh(covariance / np.outer(scale, scale)).min() < -1e-6:
+            raise QuadrigError(f"camera {self.name!r}: lens_covariance has negative variances; compute it again")

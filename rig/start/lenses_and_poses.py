@@ -247,7 +247,9 @@ def _real_tilt(problem: Problem, observations: Observations, alone: _Alone) -> F
     camera = observations.camera[usable]
     squares, noises = (np.bincount(camera, values[usable], observations.cameras) for values in (square, noise))
     share = 1 - _NOISE_SQUARES * noises / np.maximum(squares, 1e-12)
-    return np.where(squares > 0, np.clip(share, _LEAST_SHARE, 1.0), 1.0)
+    # What is known of a lens ties its focal to the rest of it, and holds as it is.
+    known = np.array([c.lens_covariance is not None or c.lens_evidence is not None for c in problem.cameras])
+    return np.where((squares > 0) & ~known, np.clip(share, _LEAST_SHARE, 1.0), 1.0)
 
 
 def _by_themselves(lens: Floats, poses: Pose) -> State:

