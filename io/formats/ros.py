@@ -194,11 +194,11 @@ def _publishers(launch: ElementTree.Element) -> Iterator[tuple[str, str, Pose]]:
         if "static_transform_publisher" not in (node.attrib.get("exec"), node.attrib.get("type")):
             continue
         if words[0].startswith("--"):
-            values = dict(zip((word.removeprefix("--") for word in words[::2]), words[1::2], strict=True))
+            names, words = [word.removeprefix("--") for word in words[::2]], words[1::2]
         else:
-            turned = ("yaw", "pitch", "roll") if not _is_number(words[6]) else ("qx", "qy", "qz", "qw")
-            names: tuple[str, ...] = ("x", "y", "z", *turned, "frame-id", "child-frame-id")
-            values = dict(zip(names, words, strict=False))
+            turned = ["yaw", "pitch", "roll"] if not _is_number(words[6]) else ["qx", "qy", "qz", "qw"]
+            names = ["x", "y", "z", *turned, "frame-id", "child-frame-id"]
+        values: dict[str, str] = dict(zip(names, words, strict=False))
         parent, child = values["frame-id"], values["child-frame-id"]
         translation = [float(values.get(name, 0)) for name in "xyz"]
         if values.keys() & {"qx", "qy", "qz", "qw"}:

@@ -86,7 +86,7 @@ def _remapped(image: Picture, lens: Intrinsics, tables: Tables, where: Path) -> 
             f"{where}: it is {width}x{height}, the lens was calibrated at {lens.width}x{lens.height}; give pictures "
             "of that size"
         )
-    return np.asarray(cv2.remap(image, *tables, cv2.INTER_CUBIC, borderMode=cv2.BORDER_CONSTANT))
+    return np.asarray(cv2.remap(image, *tables, cv2.INTER_CUBIC, borderMode=cv2.BORDER_CONSTANT), image.dtype)
 
 
 def _picture(source: Path, target: Path, lens: Intrinsics, tables: Tables) -> None:

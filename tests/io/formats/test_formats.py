@@ -7,7 +7,7 @@ import sys
 import tomllib
 import xml.etree.ElementTree as ElementTree
 from dataclasses import replace
-from types import ModuleType
+from types import ModuleType, SimpleNamespace
 from typing import Any
 
 import cv2
@@ -287,12 +287,13 @@ class Anything:
     """Stands for Blender's objects: keeps what is set."""
 
     def __init__(self, name="", data=None):
-        self.__dict__.update(
-            name=name, data=data, render=ModuleType("render"), collection=self, objects=self, camera=None
-        )
+        self.name, self.data, self.camera = name, data, None
+        self.render: Any = ModuleType("render")
+        self.collection = self.objects = self
+        self.linked: list[Any] = []
 
     def link(self, held):
-        self.__dict__.setdefault("linked", []).append(held)
+        self.linked.append(held)
 
 
 def run_in_blender(script: str) -> list[Anything]:
@@ -310,8 +311,7 @@ def run_in_blender(script: str) -> list[Anything]:
     for name, make in makers.items():
         setattr(bpy.data, name, ModuleType(name))
         getattr(bpy.data, name).new = make
-    bpy.context = ModuleType("context")
-    bpy.context.scene = new_scene("Scene")
+    bpy.context = SimpleNamespace(scene=new_scene("Scene"))
     mathutils.Matrix = np.array
     before = {name: sys.modules.get(name) for name in ("bpy", "mathutils")}
     sys.modules.update(bpy=bpy, mathutils=mathutils)
@@ -351,7 +351,9 @@ def test_what_has_no_distortion_refuses_it(form, rig):
 def test_maps_show_where_each_pixel_comes_from(rig, tmp_path):
     camera = rig.cameras[1]
     alone = replace(rig, cameras=(camera,), fits=(), reference="world")
-    across, down = (cv2.imread(str(path), cv2.IMREAD_UNCHANGED) for path in written(tmp_path, alone, "maps"))
+    across, down = (
+        np.asarray(cv2.imread(str(path), cv2.IMREAD_UNCHANGED)) for path in written(tmp_path, alone, "maps")
+    )
     assert across.shape == (720, 1280)
     flat = ideal_rig(alone).cameras[0]
     for column, row in ((640, 360), (200, 500), (1000, 100)):
@@ -388,8 +390,9 @@ def test_ffmpeg_remaps_by_its_maps(rig, tmp_path):
         each.link_to(remap, 0, port)
     remap.link_to(sink)
     graph.configure()
-    tables = [cv2.imread(str(path), cv2.IMREAD_UNCHANGED) for path in (x_map, y_map)]
-    for each, image, form in zip((source, *maps), (picture, *tables), ("gray", "gray16le", "gray16le"), strict=True):
+    tables = [np.asarray(cv2.imread(str(path), cv2.IMREAD_UNCHANGED)) for path in (x_map, y_map)]
+    pictures: list[Any] = [picture, *tables]
+    for each, image, form in zip((source, *maps), pictures, ("gray", "gray16le", "gray16le"), strict=True):
         frame = av.VideoFrame.from_ndarray(image, format=form)
         frame.pts, frame.time_base = 0, 1
         each.push(frame)
