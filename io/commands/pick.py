@@ -11,7 +11,7 @@ from quadrig.io.config.corners_toml import corners_beside
 from quadrig.io.config.rig_toml import read_config
 from quadrig.io.local_page import LocalPage
 from quadrig.io.recording.framesets import build_framesets
-from quadrig.io.recording.recorded_cameras import open_recording
+from quadrig.io.search.whole_recording import open_described
 from quadrig.single.errors import QuadrigError
 
 
@@ -44,8 +44,7 @@ def pick(
         raise QuadrigError(
             f'{config}: no rectangle has marking = {{ kind = "points" }}; give that to one whose corners you point at'
         )
-    wanted = {camera.name: camera.topic for camera in described.cameras}
-    opened = open_recording(recording, wanted or None)
+    opened = open_described(recording, described)
     for note in opened.notes:
         print(f"note: {note}", file=sys.stderr)
     session = PickSession(opened, build_framesets(opened), described, corners_beside(config))

@@ -101,7 +101,7 @@ def search_recording(
     Raises QuadrigError where there are no images, a camera of the rig.toml is missing, nothing can be read, or
     corners given by hand or lenses do not belong to this recording.
     """
-    recording = _opened(paths, config, effort.rate)
+    recording = open_described(paths, config, effort.rate)
     # Before the search, which takes long: what is wrong with the lenses is known at once.
     cameras, remarks = with_known_lenses(camera_inputs(recording, config), lenses or {}, keep_lenses)
     every = build_framesets(recording, effort.tolerance)
@@ -114,7 +114,9 @@ def search_recording(
     return Searched(config, recording, framesets, detections, tuple(cameras), sights, tuple(remarks))
 
 
-def _opened(paths: Sequence[Path | str] | Path | str, config: RigConfig, rate: float | None) -> Recording:
+def open_described(
+    paths: Sequence[Path | str] | Path | str, config: RigConfig, rate: float | None = None
+) -> Recording:
     """The recording with the cameras of rig.toml.
 
     Where a [[camera]] names its topic, the tables choose: the others are left out, which is said. Else the tables
