@@ -113,7 +113,8 @@ def _renamed(rig: Rig, form: Format, name: str, base: str) -> tuple[Rig, tuple[s
 
 _FORMATS: dict[str, Format] = {
     "json": Format(
-        "all of a rig, with the sigma of every parameter", "Views", json_files, (".json",), read_json, is_rig_json
+        "cameras and rectangles, with the sigma of every parameter", "Views, verdict", json_files,
+        (".json",), read_json, is_rig_json,
     ),
     "opencv": Format("OpenCV's FileStorage, YAML", _DOUBT, opencv_files, (".yml", ".yaml"), read_opencv, is_opencv),
     "opencv-xml": Format(

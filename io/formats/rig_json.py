@@ -10,6 +10,7 @@ import msgspec
 import numpy as np
 
 from quadrig.io.formats.format import Files, Held, Options, lens_of, pose_of, rig_of
+from quadrig.io.rig_file.record import recorded_marking
 from quadrig.rig.doubt.lens_accuracy import lens_accuracy
 from quadrig.rig.result import CAMERA_PARAMETERS, Camera, PlacedRectangle, Rig
 from quadrig.single.arrays import Floats
@@ -17,6 +18,7 @@ from quadrig.single.errors import QuadrigError
 from quadrig.single.lens import LENS_PARAMETERS, LensModel
 from quadrig.single.markings.registry import marking_values
 from quadrig.single.pose import Pose
+from quadrig.single.rectangle import PRINT_SCALE_SIGMA, Rectangle
 
 JSON_VERSION = 1
 """Raised when a reader of the old file would misread the new one."""
@@ -64,6 +66,18 @@ class _Camera(_Lens, kw_only=True):
     rig_from_camera: list[list[float]]
 
 
+class _Rectangle(msgspec.Struct):
+    """rig_from_rect: one pose (4x4) of what stands, one for each of `framesets` of what moves."""
+
+    width: float
+    height: float
+    rig_from_rect: list[Any]
+    marking: dict[str, Any] | None = None
+    framesets: list[int] | None = None
+    back: bool = False
+    scale_sigma: float = PRINT_SCALE_SIGMA
+
+
 class _Covariance(msgspec.Struct):
     """Joint, over the cameras in their order: `order` names the rows, camera and parameter."""
 
@@ -72,13 +86,12 @@ class _Covariance(msgspec.Struct):
 
 
 class _File(msgspec.Struct):
-    """A rig. lens_only: cameras that could not be placed in it. rectangles: width, height (m), marking, and
-    rig_from_rect, one pose or one for each of `framesets`."""
+    """A rig. lens_only: cameras that could not be placed in it."""
 
     cameras: dict[str, _Camera]
     rig_frame: str
     lens_only: dict[str, _Lens] = {}
-    rectangles: dict[str, dict[str, Any]] = {}
+    rectangles: dict[str, _Rectangle] = {}
     working_accuracy_mm: float | None = None
     point_accuracy_mm: float | None = None
     scale_sigma: float | None = None
@@ -120,7 +133,26 @@ def read_json(path: Path) -> Held:
         rig = replace(rig, covariance=_joint_covariance(held.covariance, held.cameras, path))
     apart = [_rig_of({name: lens}, {name: Pose.identity()}, name, path) for name, lens in held.lens_only.items()]
     figures = {"working_accuracy": working / 1e3, "point_accuracy": point / 1e3, "scale_sigma": scale}
-    return Held(rig=replace(rig, **figures, apart=tuple(apart)))
+    rectangles = (_placed(name, each, f"{path}: rectangle {name!r}") for name, each in held.rectangles.items())
+    found = tuple(placed for placed in rectangles if placed is not None)
+    return Held(rig=replace(rig, **figures, apart=tuple(apart), rectangles=found))
+
+
+def _placed(name: str, held: _Rectangle, where: str) -> PlacedRectangle | None:
+    """The rectangle where it stood; None where the file does not say its marking, as older ones."""
+    if held.marking is None:
+        return None
+    moving, many = held.framesets is not None, len(held.framesets or [()])
+    rectangle = Rectangle(
+        name, held.width, held.height, recorded_marking(held.marking), moving, None, held.back, held.scale_sigma
+    )
+    matrices = np.array(held.rig_from_rect, float).reshape(many, 4, 4)
+    each = [pose_of(matrix, where) for matrix in matrices]
+    poses = Pose(np.array([pose.rotation for pose in each]), np.array([pose.translation for pose in each]))
+    unknown = np.full((many, 6, 6), np.nan)
+    if not moving:
+        return PlacedRectangle(rectangle, poses[0], unknown[0])
+    return PlacedRectangle(rectangle, poses, unknown, np.array(held.framesets, int))
 
 
 def _rig_of(cameras: Mapping[str, _Lens], poses: Mapping[str, Pose], frame: str, path: Path) -> Rig:
@@ -202,6 +234,8 @@ def _rectangle_values(placed: PlacedRectangle) -> dict[str, Any]:
         "width": placed.rectangle.width,
         "height": placed.rectangle.height,
         "marking": marking_values(placed.rectangle.marking),
+        "back": placed.rectangle.back,
+        "scale_sigma": placed.rectangle.scale_sigma,
         "rig_from_rect": placed.rig_from_rect.matrix(),
     }
     return {**values, "framesets": np.asarray(placed.framesets)} if placed.rectangle.moving else values

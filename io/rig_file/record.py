@@ -267,7 +267,14 @@ def _rectangle_record(placed: PlacedRectangle) -> RectangleRecord:
 def _placed_rectangle(held: RectangleRecord) -> PlacedRectangle:
     world = None if held.world_from_rect is None else Pose.from_matrix(read_numbers(held.world_from_rect))
     rectangle = Rectangle(
-        held.name, held.width, held.height, _marking(held.marking), held.moving, world, held.back, held.scale_sigma
+        held.name,
+        held.width,
+        held.height,
+        recorded_marking(held.marking),
+        held.moving,
+        world,
+        held.back,
+        held.scale_sigma,
     )
     one_or_many = (-1,) if held.moving else ()
     return PlacedRectangle(
@@ -279,7 +286,9 @@ def _placed_rectangle(held: RectangleRecord) -> PlacedRectangle:
     )
 
 
-def _marking(held: dict[str, Any]) -> Marking:
+def recorded_marking(held: dict[str, Any]) -> Marking:
+    """The marking of its values and kind. Raises QuadrigError where there is no such kind, msgspec.ValidationError
+    where they are not its values."""
     kind = marking_kinds().get(held.get("kind", ""))
     if kind is None:
         raise QuadrigError(f"the rig record has a marking of kind {held.get('kind')!r}; upgrade quadrig")

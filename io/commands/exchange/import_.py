@@ -32,8 +32,8 @@ def import_(
     rig = read_any_rig(*files, unit=metres, size=None if size is None else _size(size))
     write_rig(output, rig)
     print(f"{output}: {counted(len(rig.cameras), 'camera')} in the frame of {rig.reference}")
-    if rig.covariance.size and rig.covariance[0, 0] != rig.covariance[0, 0]:
-        print("note: the files do not say how sure they are; `rig info` shows what is known", file=sys.stderr)
+    if not rig.is_doubt_known:
+        print("note: what they say of how sure they are is not all; `rig info` shows what is known", file=sys.stderr)
 
 
 def _size(words: str) -> tuple[int, int]:

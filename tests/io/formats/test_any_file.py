@@ -120,6 +120,16 @@ def test_json_holds_sigmas_and_the_covariance_where_asked(example_rig, tmp_path)
     np.testing.assert_array_equal(read_any_rig(path).covariance, example_rig.covariance)
 
 
+def test_json_holds_rectangles(example_rig, tmp_path):
+    again = read_any_rig(*written(tmp_path, example_rig, "json"))
+    found, expected = ([placed.rectangle for placed in rig.rectangles] for rig in (again, example_rig))
+    assert found == expected
+    for found, placed in zip(again.rectangles, example_rig.rectangles, strict=True):
+        np.testing.assert_allclose(found.rig_from_rect.matrix(), placed.rig_from_rect.matrix(), atol=1e-12)
+        np.testing.assert_array_equal(found.framesets, placed.framesets)
+        assert np.isnan(found.covariance).all()
+
+
 def test_one_lens_as_the_calibration_sample_of_opencv_writes_it(tmp_path):
     path = tmp_path / "left.yml"
     path.write_text(
