@@ -12,7 +12,7 @@ import typer
 from quadrig.io.config.rig_toml import read_config
 from quadrig.io.formats.any_file import read_any_rig
 from quadrig.io.formats.rig_json import json_text
-from quadrig.io.recording.mcap_reader import is_mcap
+from quadrig.io.recording.messages.mcap_reader import is_mcap
 from quadrig.io.rig_file.rig_mcap import RigFile, read_rig_file
 from quadrig.io.search.later_recording import views_of
 from quadrig.rig.doubt.verdict import out_of_step

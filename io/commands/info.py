@@ -8,7 +8,7 @@ import typer
 from quadrig.io.formats.rig_json import json_text, rig_values
 from quadrig.io.recording.camera import RecordedCamera
 from quadrig.io.recording.framesets import CameraReport, Framesets, build_framesets
-from quadrig.io.recording.mcap_reader import index_mcap, is_mcap
+from quadrig.io.recording.messages.mcap_reader import index_mcap, is_mcap
 from quadrig.io.recording.recorded_cameras import Recording, open_recording
 from quadrig.single.errors import QuadrigError
 

@@ -1,26 +1,50 @@
-"""`rig record`: videos and folders of images into one MCAP recording."""
+"""`rig record`: live cameras, or videos and folders of images, into one MCAP recording."""
 
+import re
 import sys
+import time
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from quadrig.io.config.rig_toml import RigConfig, read_config
+from quadrig.io.live.capture.chosen_sources import named_sources
+from quadrig.io.live.capture.source import SourceState
+from quadrig.io.live.capture.source_spec import SourceSpec
+from quadrig.io.live.record.record_sources import record_sources
+from quadrig.io.live.terminal import enter_pressed
 from quadrig.io.recording.camera import RecordedCamera
 from quadrig.io.recording.convert import ImageFormat, MessageFormat
 from quadrig.io.recording.convert import record as write_recording
 from quadrig.io.recording.picture_times import with_times, without_times
 from quadrig.io.recording.recorded_cameras import camera_of_pattern, open_recording
 from quadrig.io.recording.time_table import with_timestamps
+from quadrig.io.whole_file import refuse_no_place
 from quadrig.single.errors import QuadrigError
 
 
 def record(
     inputs: Annotated[
-        list[Path] | None, typer.Argument(help="Videos and folders of images, one camera each.", metavar="INPUT...")
+        list[str] | None,
+        typer.Argument(
+            help="Live cameras: a number, /dev/video0, rtsp://..., http://... or watch:FOLDER. Or what was recorded: "
+            "videos, folders, bags, or a pattern such as 'camera_{camera}_*.jpg'. Else the sources of rig.toml.",
+            metavar="[NAME=]SOURCE...",
+        ),
     ] = None,
+    config: Annotated[Path, typer.Option(help="The rig.toml with the sources, where none is named.")] = Path(
+        "rig.toml"
+    ),
     output: Annotated[Path, typer.Option("--output", "-o", help="The recording to write.")] = Path("recording.mcap"),
+    seconds: Annotated[
+        float | None, typer.Option(min=0.0, help="Record live cameras so long; else until Enter or Ctrl-C.")
+    ] = None,
+    overwrite: Annotated[
+        bool, typer.Option("--overwrite", help="Record live cameras over a recording that is there.")
+    ] = False,
     camera: Annotated[
         list[str] | None,
         typer.Option(
@@ -39,14 +63,102 @@ def record(
     ] = "jpeg",
     quality: Annotated[int, typer.Option(min=50, max=100, help="Quality of JPEG.")] = 95,
 ) -> None:
-    """Turn videos and folders of images into one MCAP recording.
+    """Record live cameras, or turn videos, folders of images and bags into one MCAP recording.
 
-    Images of JPEG and PNG files are copied as they are. Image k of every camera is the same instant, k being the
-    number in its file's name.
+    Live cameras are recorded as they come, until Enter, Ctrl-C or --seconds. Images of JPEG and PNG files are copied
+    as they are; which of them are of one instant is known by the numbers in their names, their EXIF, --rate or
+    --timestamps, and said.
 
-    Examples: rig record cam0.mp4 cam1.mp4 -o room.mcap;
+    Examples: rig record --config rig.toml -o room.mcap; rig record left=0 right=1 --seconds 60 -o room.mcap;
+    rig record cam0.mp4 cam1.mp4 -o room.mcap;
     rig record --camera left='left*.jpg' --camera right='right*.jpg' -o stereo.mcap
     """
+    texts = [*(inputs or []), *(camera or [])]
+    if any(_is_live(text) for text in texts):
+        if messages != "foxglove":
+            raise QuadrigError("live cameras are recorded with --format foxglove; turn the recording into ros2 later")
+        _record_live(named_sources(texts, RigConfig(()), Path()), output, seconds, overwrite)
+        return
+    if not texts:
+        described = read_config(config)
+        sources = named_sources([], described, config.parent)
+        if any(spec.live for spec in sources.values()):
+            _record_live(sources, output, seconds, overwrite, {"rig.toml": described.text.encode()})
+            return
+        camera = [f"{name}={spec.address}" for name, spec in sources.items()]
+    _convert(inputs or [], camera or [], output, timestamps, rate, messages, images, quality)
+
+
+def _is_live(text: str) -> bool:
+    """Whether a source is a live one, and not a file or folder."""
+    source = re.sub(r"^[A-Za-z0-9_.-]+=", "", text)
+    return source.isdigit() or source.startswith(("/dev/", "watch:")) or "://" in source
+
+
+def _record_live(
+    sources: dict[str, SourceSpec],
+    output: Path,
+    seconds: float | None,
+    overwrite: bool,
+    attachments: dict[str, bytes] | None = None,
+) -> None:
+    files = [name for name, spec in sources.items() if not spec.live]
+    if files:
+        raise QuadrigError(f"{files[0]!r} is a file and others are live cameras; record them one after the other")
+    refuse_no_place(output)
+    if output.exists() and not overwrite:
+        raise QuadrigError(f"{output} is there already; name another with -o, or record over it with --overwrite")
+    done = record_sources(sources, output, _stop(seconds), _Lines().show, attachments)
+    for one in done.sources:
+        size = f"{one.width}x{one.height}, {one.frames / max(done.seconds, 1e-9):.1f} a second"
+        print(
+            f"{one.name}: {one.frames} images {size}" if one.frames else f"{one.name} gave no picture: {one.detail}"
+        )
+    if done.dropped:
+        print(f"{done.dropped} images were not recorded: the disk could not keep up")
+    print(f"{output}: {output.stat().st_size / 1e6:.1f} MB, {done.ending}")
+
+
+def _stop(seconds: float | None) -> Callable[[], str]:
+    pressed, until = enter_pressed(), None if seconds is None else time.monotonic() + seconds
+
+    def stop() -> str:
+        return f"{seconds:g} s are over" if until is not None and time.monotonic() > until else pressed()
+
+    return stop
+
+
+class _Lines:
+    """How the sources do, on stderr: in one line that is written over, or where it is no terminal, what changes."""
+
+    _EVERY = 0.5
+
+    def __init__(self) -> None:
+        self._shown, self._conditions = 0.0, {}
+        self._terminal = sys.stderr.isatty()
+
+    def show(self, states: Sequence[SourceState]) -> None:
+        if self._terminal and time.monotonic() - self._shown > self._EVERY:
+            self._shown = time.monotonic()
+            line = "   ".join(f"{one.name} {one.frames} ({one.rate:.0f}/s, {one.condition})" for one in states)
+            print(f"\r{line}   Enter or Ctrl-C stops", end="\033[K", file=sys.stderr, flush=True)
+        for one in () if self._terminal else states:
+            if self._conditions.get(one.name) != one.condition:
+                self._conditions[one.name] = one.condition
+                detail = f": {one.detail}" if one.detail else ""
+                print(f"{one.name} is {one.condition}{detail}", file=sys.stderr, flush=True)
+
+
+def _convert(
+    inputs: list[str],
+    camera: list[str],
+    output: Path,
+    timestamps: Path | None,
+    rate: float | None,
+    messages: MessageFormat,
+    images: ImageFormat,
+    quality: int,
+) -> None:
     notes: list[str] = []
     cameras: list[RecordedCamera] = []
     if inputs:
@@ -55,8 +167,6 @@ def record(
         cameras, notes = list(opened.cameras), list(opened.notes)
     if camera:
         cameras = [without_times(one) for one in cameras] + [_named_camera(given, notes) for given in camera]
-    if not cameras:
-        raise QuadrigError("nothing to record; name videos or folders of images, or give --camera NAME=PATTERN")
     names = [one.name for one in cameras]
     twice = next((name for name in names if names.count(name) > 1), None)
     if twice:

@@ -1,21 +1,19 @@
 """`rig setup`: calibrate live cameras, coached."""
 
-import re
-import select
 import sys
-from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from quadrig.io.config.rig_toml import RigConfig, read_config
+from quadrig.io.config.rig_toml import read_config
 from quadrig.io.formats.rig_json import json_text
+from quadrig.io.live.capture.chosen_sources import named_sources
 from quadrig.io.live.capture.source import Pace
-from quadrig.io.live.capture.source_spec import SourceSpec, parse_source
 from quadrig.io.live.display import Screen
 from quadrig.io.live.plan import SetupPlan, SetupResult
 from quadrig.io.live.session import run_setup
+from quadrig.io.live.terminal import enter_pressed
 from quadrig.io.rig_file.rig_mcap import write_rig
 from quadrig.rig.coach.advice import good_for
 from quadrig.rig.doubt.weaknesses import clocks_apart
@@ -58,7 +56,7 @@ def setup(
     """
     wanted = read_length(until) if until else None
     rig_config = read_config(config)
-    cameras = chosen_sources(sources or [], rig_config, config.parent)
+    cameras = named_sources(sources or [], rig_config, config.parent)
     recording, earlier = _recordings(output, resume, overwrite)
     pace: Pace = "consumed" if fast else "real time"
     plan = SetupPlan(rig_config, cameras, recording, wanted, pace, earlier, tolerance)
@@ -77,38 +75,6 @@ def _write_report(output: Path) -> None:
     from quadrig.io.whole_file import write_text
 
     write_text(output.with_suffix(".html"), report_html(read_rig_file(output)))
-
-
-def chosen_sources(texts: list[str], config: RigConfig, folder: Path) -> dict[str, SourceSpec]:
-    """Sources by camera name: those of the command line, else those of rig.toml, whose paths begin at `folder`.
-
-    Raises QuadrigError where there is none, or two of one name.
-    """
-    if not texts:
-        given = {c.name: parse_source(c.source, folder) for c in config.cameras if c.source is not None}
-        if not given:
-            raise QuadrigError(
-                "no cameras: name sources (rig setup 0 1), or give each [[camera]] of rig.toml a source"
-            )
-        return given
-    sources: dict[str, SourceSpec] = {}
-    for index, text in enumerate(texts):
-        name, source = _named(text, index)
-        if name in sources:
-            raise QuadrigError(f"two sources are called {name!r}; name them with NAME=SOURCE")
-        sources[name] = parse_source(source)
-    return sources
-
-
-def _named(text: str, index: int) -> tuple[str, str]:
-    """A name and a source; the name of a file or folder is its own, of anything else cam and its number."""
-    match = re.fullmatch(r"([A-Za-z0-9_.-]+)=(.+)", text)
-    if match is not None:
-        return match[1], match[2]
-    path = Path(text.removeprefix("watch:"))
-    if "://" not in text and not text.startswith("/dev/") and path.exists():
-        return path.stem, text
-    return f"cam{index}", text
 
 
 def _recordings(output: Path, resume: bool, overwrite: bool) -> tuple[Path, tuple[Path, ...]]:
@@ -138,7 +104,7 @@ def _part(path: Path) -> int:
 def _run(plan: SetupPlan, web: bool, no_viewer: bool, save: Path | None) -> SetupResult:
     screens, viewer = _screens(plan, web, no_viewer, save)
     try:
-        return run_setup(plan, screens, _enter_pressed())
+        return run_setup(plan, screens, enter_pressed())
     finally:
         for screen in screens:
             screen.close()
@@ -168,25 +134,6 @@ def _screens(plan: SetupPlan, web: bool, no_viewer: bool, save: Path | None):
             print(f"rig: {error}", file=sys.stderr)
     screens.append(TerminalScreen() if sys.stderr.isatty() else PlainScreen())
     return screens, viewer
-
-
-def _enter_pressed() -> Callable[[], str]:
-    """Asks, without waiting, whether somebody pressed Enter; the end of a pipe is no Enter."""
-    open_ = [not sys.stdin.closed]
-
-    def pressed() -> str:
-        if not open_[0]:
-            return ""
-        try:
-            ready, _, _ = select.select([sys.stdin], [], [], 0)
-            line = sys.stdin.readline() if ready else None
-        except (OSError, ValueError):
-            line = ""
-        if line == "":
-            open_[0] = False
-        return "Enter was pressed" if line else ""
-
-    return pressed
 
 
 def _as_text(result: SetupResult, output: Path, plan: SetupPlan) -> str:

@@ -10,7 +10,7 @@ import yaml
 
 from quadrig.io.formats.format import Held, rig_of
 from quadrig.io.formats.registry import FORMATS
-from quadrig.io.recording.mcap_reader import is_mcap
+from quadrig.io.recording.messages.mcap_reader import is_mcap
 from quadrig.io.rig_file.rig_mcap import read_rig
 from quadrig.rig.result import Rig
 from quadrig.single.arrays import Floats

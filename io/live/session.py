@@ -15,9 +15,9 @@ from quadrig.io.live.coaching import Coaching, sentence_of
 from quadrig.io.live.display import Display, Screen
 from quadrig.io.live.frameset_search import FramesetSearch
 from quadrig.io.live.keeper import Keeper
-from quadrig.io.live.kept_views import encode_views, read_earlier_views
 from quadrig.io.live.plan import SetupPlan, SetupResult
-from quadrig.io.live.recorder import LiveRecorder
+from quadrig.io.live.record.kept_views import encode_views, read_earlier_views
+from quadrig.io.live.record.recorder import LiveRecorder
 from quadrig.io.live.search import LiveSearch, Search
 from quadrig.io.live.solutions import LiveSolutions
 from quadrig.io.live.solver import LiveSolver, SolveRequest, solve, thinned

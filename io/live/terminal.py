@@ -1,7 +1,9 @@
-"""A live session on a terminal: one large sentence, a line for each camera; plain lines where it is no terminal."""
+"""A live session on a terminal: one large sentence, a line for each camera, Enter; where it is none, plain lines."""
 
+import select
 import sys
 import time
+from collections.abc import Callable
 
 from quadrig.io.live.state import SetupState
 from quadrig.rig.words import length
@@ -48,6 +50,25 @@ class TerminalScreen:
     def close(self) -> None:
         """Take the drawing away."""
         self._live.stop()
+
+
+def enter_pressed() -> Callable[[], str]:
+    """Asks, without waiting, whether somebody pressed Enter; the end of a pipe is no Enter."""
+    open_ = [not sys.stdin.closed]
+
+    def pressed() -> str:
+        if not open_[0]:
+            return ""
+        try:
+            ready, _, _ = select.select([sys.stdin], [], [], 0)
+            line = sys.stdin.readline() if ready else None
+        except (OSError, ValueError):
+            line = ""
+        if line == "":
+            open_[0] = False
+        return "Enter was pressed" if line else ""
+
+    return pressed
 
 
 def _page(state: SetupState):

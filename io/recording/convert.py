@@ -12,8 +12,8 @@ import numpy as np
 from quadrig.io.progress import progress_bar
 from quadrig.io.recording.camera import RecordedCamera
 from quadrig.io.recording.image_folder import ImageFiles
-from quadrig.io.recording.image_message import ROS2_DEFINITIONS
 from quadrig.io.recording.image_source import Stamped
+from quadrig.io.recording.messages.image_message import ROS2_DEFINITIONS
 from quadrig.io.topic_writer import TopicWriter
 from quadrig.io.whole_file import written_beside
 from quadrig.single.arrays import Picture

@@ -11,8 +11,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from quadrig.io.recording.image_message import EncodedImage
 from quadrig.io.recording.limits import too_many_pixels
+from quadrig.io.recording.messages.image_message import EncodedImage
 from quadrig.io.recording.picture_header import PictureHeader, read_header, upright
 from quadrig.single.arrays import Picture
 

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Protocol
 
 from quadrig.io.recording.decode_image import decode_image
-from quadrig.io.recording.mcap_messages import McapMessages
+from quadrig.io.recording.messages.mcap_messages import McapMessages
 from quadrig.single.arrays import Ints, Picture
 
 

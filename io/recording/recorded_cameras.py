@@ -16,10 +16,10 @@ from quadrig.io.recording.image_folder import (
     pattern_images,
     read_image_folder,
 )
-from quadrig.io.recording.image_message import holds_images
-from quadrig.io.recording.mcap_reader import index_mcap
+from quadrig.io.recording.messages.image_message import holds_images
+from quadrig.io.recording.messages.mcap_reader import index_mcap
+from quadrig.io.recording.messages.ros_bag import index_bag, is_bag
 from quadrig.io.recording.picture_times import with_times
-from quadrig.io.recording.ros_bag import index_bag, is_bag
 from quadrig.io.recording.topic_cameras import cameras_of_mcaps
 from quadrig.io.recording.video import VIDEO_SUFFIXES, read_video
 from quadrig.single.arrays import Picture

@@ -5,10 +5,10 @@ from dataclasses import replace
 
 from quadrig.io.recording.camera import FIRST_IMAGES, RecordedCamera, camera_name, camera_of_source
 from quadrig.io.recording.decode_image import decode_image, is_depth
-from quadrig.io.recording.image_message import holds_images, holds_lenses, holds_video, read_lens
 from quadrig.io.recording.image_source import McapImages
-from quadrig.io.recording.mcap_messages import McapMessages
-from quadrig.io.recording.mcap_reader import McapIndex, TopicMessages
+from quadrig.io.recording.messages.image_message import holds_images, holds_lenses, holds_video, read_lens
+from quadrig.io.recording.messages.mcap_messages import McapMessages
+from quadrig.io.recording.messages.mcap_reader import McapIndex, TopicMessages
 from quadrig.io.recording.picture_header import read_header
 from quadrig.io.recording.video import McapVideo
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from quadrig.io.recording.decode_image import shrunk
 from quadrig.io.recording.limits import most_pixels, too_many_pixels
-from quadrig.io.recording.mcap_messages import McapMessages, OpenMessages
+from quadrig.io.recording.messages.mcap_messages import McapMessages, OpenMessages
 from quadrig.single.arrays import Ints, Picture
 from quadrig.single.errors import QuadrigError
 

@@ -20,8 +20,8 @@ import numpy as np
 
 from quadrig.io.recording.camera import RecordedCamera
 from quadrig.io.recording.image_folder import IMAGE_SUFFIXES
-from quadrig.io.recording.image_message import holds_images
-from quadrig.io.recording.mcap_reader import McapBytes, McapIndex, index_mcap
+from quadrig.io.recording.messages.image_message import holds_images
+from quadrig.io.recording.messages.mcap_reader import McapBytes, McapIndex, index_mcap
 from quadrig.io.rig_file.rig_mcap import RIG_TOPIC
 from quadrig.io.rig_file.view_record import ViewRecord, recorded_view, view_record
 from quadrig.io.topic_writer import TopicWriter

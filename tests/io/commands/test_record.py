@@ -1,6 +1,11 @@
 """rig record: what goes in comes out, at the right time; and videos and folders are recordings themselves."""
 
 import json
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -127,8 +132,8 @@ def test_folders_are_a_recording(tmp_path, pictures):
 
 def test_names_that_are_times(tmp_path, pictures):
     times = [1403636579763555584, 1403636579813555456]
-    for k, time in enumerate(times):
-        cv2.imwrite(str(tmp_path / f"{time}.png"), pictures.picture(k))
+    for k, stamp in enumerate(times):
+        cv2.imwrite(str(tmp_path / f"{stamp}.png"), pictures.picture(k))
     assert open_recording([tmp_path]).cameras[0].stamps.tolist() == times
 
 
@@ -148,7 +153,7 @@ def test_real_pairs_and_webcams(tmp_path, shared_data, capsys):
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["record"], "nothing to record"),
+        (["record", "--config", "absent.toml"], "there is no such file"),
         (["record", "--camera", "left"], "NAME=VIDEO"),
         (["record", "--camera", "left=none*.jpg"], "no image file matches"),
         (["record", "absent.mp4"], "no such file"),
@@ -161,6 +166,78 @@ def test_what_is_wrong_is_one_line(arguments, words, capsys):
     assert words in said
     assert said.count("\n") == 1
     assert "Traceback" not in said
+
+
+@pytest.fixture(scope="module")
+def served(load_script):
+    """jpeg_server(...): a motion-JPEG stream on 127.0.0.1."""
+    return load_script("tests/io/live/capture/test_source.py")
+
+
+def test_live_cameras_are_recorded_as_they_come(tmp_path, served, capsys):
+    room = tmp_path / "room.mcap"
+    with served.jpeg_server() as left, served.jpeg_server() as right:
+        assert run(["record", f"left={left}", f"right={right}", "--seconds", "2", "-o", str(room)]) == 0
+        said = capsys.readouterr()
+        assert "2 s are over" in said.out
+        assert "left is running" in said.err
+        recording = open_recording([room])
+        assert [camera.name for camera in recording.cameras] == ["left", "right"]
+        for camera in recording.cameras:
+            assert camera.frames > 10
+            assert f"{camera.name}: {camera.frames} images {camera.width}x{camera.height}" in said.out
+            assert np.diff(camera.stamps).min() > 0
+            # The bytes are those of the stream.
+            shown = [served.jpeg(number) for number in range(200)]
+            with camera.source.messages.opened() as opened:
+                assert opened.image(3).data in shown
+        # What was recorded is not recorded over without being asked.
+        assert run(["record", f"left={left}", "--seconds", "1", "-o", str(room)]) == 1
+        assert "is there already" in capsys.readouterr().err
+        assert run(["record", f"left={left}", "--seconds", "1", "--overwrite", "-o", str(room)]) == 0
+        assert [camera.name for camera in open_recording([room]).cameras] == ["left"]
+
+
+def test_the_sources_of_rig_toml_are_recorded(tmp_path, served, pictures):
+    sheet = '[[rectangle]]\nname = "a"\nsize = "A4"\nmarking = { kind = "plain" }\n'
+    table = '[[camera]]\nname = "porch"\nsource = "{}"\n'
+    with served.jpeg_server() as address:
+        (tmp_path / "rig.toml").write_text(sheet + table.format(address))
+        given = ["--config", str(tmp_path / "rig.toml"), "-o", str(tmp_path / "live.mcap"), "--seconds", "1"]
+        assert run(["record", *given]) == 0
+    assert [camera.name for camera in open_recording([tmp_path / "live.mcap"]).cameras] == ["porch"]
+    # Sources that are files are turned into a recording, each under its camera's name.
+    write_video(tmp_path / "a.mp4", pictures)
+    (tmp_path / "rig.toml").write_text(sheet + table.format("a.mp4"))
+    assert run(["record", "--config", str(tmp_path / "rig.toml"), "-o", str(tmp_path / "file.mcap")]) == 0
+    assert shown(open_recording([tmp_path / "file.mcap"]), "porch", pictures) == list(range(12))
+
+
+def test_no_live_picture_leaves_no_recording(tmp_path, capsys):
+    room = tmp_path / "room.mcap"
+    assert run(["record", "http://127.0.0.1:9/none", "--seconds", "1", "-o", str(room)]) == 1
+    assert "no source gave a picture: http://127.0.0.1:9/none does not answer" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+    assert run(["record", "0", "--format", "ros2", "-o", str(room)]) == 1
+    assert "--format foxglove" in capsys.readouterr().err
+
+
+def test_ctrl_c_ends_a_live_recording_whole(tmp_path, served):
+    room = tmp_path / "room.mcap"
+    with served.jpeg_server() as address:
+        process = subprocess.Popen(
+            [str(Path(sys.executable).with_name("rig")), "record", f"left={address}", "-o", str(room)],
+            stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        )  # fmt: skip
+        while process.poll() is None and not (room.exists() and room.stat().st_size > 20_000):
+            time.sleep(0.05)
+        process.send_signal(signal.SIGINT)
+        said, _ = process.communicate(timeout=20)
+    assert process.returncode == 0
+    assert "interrupted" in said
+    recording = open_recording([room])
+    assert recording.indexed
+    assert recording.cameras[0].frames > 2
 
 
 def test_a_video_that_is_none(tmp_path, capsys):

@@ -12,9 +12,9 @@ import cv2
 import pytest
 
 from quadrig.io.commands.main import run
-from quadrig.io.commands.setup import chosen_sources
 from quadrig.io.config.rig_toml import parse_config
-from quadrig.io.live.kept_views import read_kept_views
+from quadrig.io.live.capture.chosen_sources import named_sources
+from quadrig.io.live.record.kept_views import read_kept_views
 from quadrig.io.recording.recorded_cameras import open_recording
 from quadrig.io.rig_file.rig_mcap import read_rig
 from quadrig.single.errors import QuadrigError
@@ -141,16 +141,16 @@ def test_sources_of_the_command_line_and_of_rig_toml(tmp_path, room):
         room.CONFIG.replace('"cam0"', '"r"')
         + '[[camera]]\nname = "l"\nsource = "left.mp4"\n[[camera]]\nname = "r"\nsource = 1\n'
     )
-    assert {name: spec.kind for name, spec in chosen_sources([], config, tmp_path).items()} == {
+    assert {name: spec.kind for name, spec in named_sources([], config, tmp_path).items()} == {
         "l": "video",
         "r": "camera",
     }
-    named = chosen_sources(["0", "right=/dev/video1", "http://127.0.0.1/x"], config, tmp_path)
+    named = named_sources(["0", "right=/dev/video1", "http://127.0.0.1/x"], config, tmp_path)
     assert {name: spec.kind for name, spec in named.items()} == {"cam0": "camera", "right": "device", "cam2": "http"}
     with pytest.raises(QuadrigError, match="two sources are called"):
-        chosen_sources(["a=0", "a=1"], config, tmp_path)
+        named_sources(["a=0", "a=1"], config, tmp_path)
     with pytest.raises(QuadrigError, match="no cameras"):
-        chosen_sources([], parse_config(room.CONFIG), tmp_path)
+        named_sources([], parse_config(room.CONFIG), tmp_path)
 
 
 @pytest.mark.parametrize("display", ["", ":987"])

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from quadrig.io.live.kept_views import encode_views, read_kept_views
-from quadrig.io.live.recorder import LiveRecorder
+from quadrig.io.live.record.kept_views import encode_views, read_kept_views
+from quadrig.io.live.record.recorder import LiveRecorder
 from quadrig.single.view import View
 
 

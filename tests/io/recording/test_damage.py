@@ -18,8 +18,8 @@ import zstandard
 from quadrig.io.commands.main import run
 from quadrig.io.recording.decode_image import UndecodableImage, decode_file, decode_image
 from quadrig.io.recording.framesets import build_framesets
-from quadrig.io.recording.image_message import EncodedImage
-from quadrig.io.recording.mcap_reader import MAGIC, index_mcap
+from quadrig.io.recording.messages.image_message import EncodedImage
+from quadrig.io.recording.messages.mcap_reader import MAGIC, index_mcap
 from quadrig.io.recording.recorded_cameras import open_recording
 from quadrig.single.errors import QuadrigError
 

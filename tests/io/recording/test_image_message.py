@@ -313,7 +313,7 @@ def test_depth_is_no_camera_and_a_broken_image_is_left_out(tmp_path, pictures):
 def test_raw_and_compressed_of_one_camera_are_one_camera(tmp_path, pictures):
     from mcap_ros2.writer import Writer
 
-    from quadrig.io.recording.image_message import ROS2_DEFINITIONS
+    from quadrig.io.recording.messages.image_message import ROS2_DEFINITIONS
 
     with (tmp_path / "a.mcap").open("wb") as stream, Writer(stream) as writer:
         image = writer.register_msgdef("sensor_msgs/msg/Image", ROS2_DEFINITIONS["sensor_msgs/msg/Image"])

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
-from quadrig.io.recording.mcap_reader import MAGIC, McapBytes, index_mcap
+from quadrig.io.recording.messages.mcap_reader import MAGIC, McapBytes, index_mcap
 from quadrig.io.recording.recorded_cameras import open_recording
 
 foxglove = pytest.importorskip("foxglove")

@@ -18,7 +18,7 @@ import pytest
 from quadrig.io.config.rig_toml import parse_config
 from quadrig.io.recording.convert import record
 from quadrig.io.recording.framesets import build_framesets
-from quadrig.io.recording.mcap_reader import index_mcap
+from quadrig.io.recording.messages.mcap_reader import index_mcap
 from quadrig.io.recording.recorded_cameras import open_recording
 from quadrig.io.search import detection_file
 from quadrig.io.search.detections import find_detections, find_views

@@ -20,7 +20,7 @@ from quadrig.io.live.capture.frame import Frame
 from quadrig.io.live.capture.framesets import LiveFramesets
 from quadrig.io.live.capture.source import Pace, Source
 from quadrig.io.live.capture.source_spec import parse_source
-from quadrig.io.live.recorder import LiveRecorder
+from quadrig.io.live.record.recorder import LiveRecorder
 from quadrig.single.errors import QuadrigError
 
 WIDTH, HEIGHT = 320, 180
@@ -322,7 +322,7 @@ import sys, time
 from pathlib import Path
 import numpy as np
 from quadrig.io.live.capture.frame import Frame
-from quadrig.io.live.recorder import LiveRecorder
+from quadrig.io.live.record.recorder import LiveRecorder
 recorder = LiveRecorder(Path(sys.argv[1]))
 noise = np.random.default_rng(0).integers(0, 255, 60_000, np.uint8).tobytes()
 while True:

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from quadrig.io.recording.mcap_reader import McapIndex, TopicMessages
+from quadrig.io.recording.messages.mcap_reader import McapIndex, TopicMessages
 from quadrig.single.errors import QuadrigError
 
 _NTH_BITS = 32

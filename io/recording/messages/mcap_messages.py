@@ -7,9 +7,15 @@ from typing import Self
 
 import numpy as np
 
-from quadrig.io.recording.image_message import STAMP_BYTES, EncodedImage, read_image, read_stamp, stamp_of_whole
-from quadrig.io.recording.mcap_reader import McapBytes, TopicMessages
-from quadrig.io.recording.ros_bag import BagBytes, is_bag
+from quadrig.io.recording.messages.image_message import (
+    STAMP_BYTES,
+    EncodedImage,
+    read_image,
+    read_stamp,
+    stamp_of_whole,
+)
+from quadrig.io.recording.messages.mcap_reader import McapBytes, TopicMessages
+from quadrig.io.recording.messages.ros_bag import BagBytes, is_bag
 from quadrig.single.arrays import Ints
 
 # ns; what a signed integer of 64 bits holds: a later time is damaged.

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from quadrig.io.live.capture.frame import Frame
-from quadrig.io.live.kept_views import KEPT_SCHEMA, KEPT_TOPIC
+from quadrig.io.live.record.kept_views import KEPT_SCHEMA, KEPT_TOPIC
 from quadrig.io.topic_writer import TopicWriter
 from quadrig.single.errors import QuadrigError
 
