@@ -28,9 +28,10 @@ _PRINT = 0.2
 _INK, _INKED, _EDGE, _EDGES = 8.0, 0.05, 0.25, 0.15
 # A second sheet of this share of the first one's area makes the choice a guess.
 _RIVAL = 0.4
-# Standard deviation of log gamma that the profile of an edge cannot take away: a curve that is an S looks to it much
-# like a power, and moves the edge by more.
-_CURVE_SIGMA = 0.15
+# Standard deviation of log gamma that the profile of an edge of 1 px of blur cannot take away: a curve that is an S
+# looks to it much like a power, and moves the edge by more. It grows as blur falls, down to some, for a sharp edge
+# shows less of its profile: film leaves 0.33, 0.25 and 0.15 at blurs of 0.5, 1 and 2 px.
+_CURVE_SIGMA, _SHARP = 0.22, 0.4
 # px that a real sheet's edge and corner depart from the model.
 _MODEL_SIGMA = 0.02
 
@@ -82,7 +83,7 @@ def _fit(grey: Picture, quad: Floats, middle: Floats) -> FoundSheet | None:
         return None
     if outline.sigma.max() > _WORST_SIGMA:
         return None
-    common = tone.doubted(_CURVE_SIGMA).sigma * outline.by_gamma[0]
+    common = tone.doubted(_CURVE_SIGMA / max(blur, _SHARP)).sigma * outline.by_gamma[0]
     sigma = np.hypot(outline.sigma[0], _MODEL_SIGMA)
     base, far = _far_corner(sides, sigma, common)
     return FoundSheet(corners, base, far, contrast)
