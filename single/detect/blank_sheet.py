@@ -20,7 +20,7 @@ _SEEN, _SEEN_OF_ALL, _FARTHEST = 0.15, 0.55, 0.85
 # shadow may take two thirds.
 _STEPS_APART, _LIGHTS_APART = 4.0, 4.0
 # sigma (px) of a corner that is too far from what is seen of its sides.
-_WORST_SIGMA = 0.5
+_WORST_SIGMA = 0.8
 # Standard deviation of grey within the sheet, as share of the contrast: a blank sheet bears no print.
 _PRINT = 0.2
 # Where that is more, by a hand or a shadow: how much darker or lighter than the sheet neither is, and the shares of

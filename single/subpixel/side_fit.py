@@ -17,6 +17,8 @@ from quadrig.single.subpixel.tone import LightImage
 
 # Share of what a ground's light varies by along the sides by which it varies from px to px across them.
 _ACROSS = 0.05
+# Factor by which noise that hangs together (JPEG) and both sides' levels raise that of a ratio of levels.
+_GRAINY = 2.0
 # Standard deviation of the log gamma that an uneven ground looks like, over its unevenness.
 _TONE_OF_GROUND = 30.0
 # Pieces of a side, px of the shortest, and of them beyond each of its ends.
@@ -89,9 +91,10 @@ def fit_sides(
     bows, own_bows = _bow_prior(frame, middle)
     shown = pieces.shown(own)
     agreeing = np.stack([_agreeing(pieces, side, shown[side], np.sqrt(bows[side, side])) for side in range(4)])
+    pixels = max(reach * float(np.linalg.norm(end - start, axis=1).mean()), 1.0)
     seen = np.zeros_like(shown)
     seen[:, own] = _clear_of_gaps(agreeing[:, own])
-    return _joined(frame, pieces, seen, own, _prior(bows, own_bows), fit)
+    return _joined(frame, pieces, seen, own, _prior(bows, own_bows), fit, pieces.unevenness(seen, pixels))
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,15 +173,17 @@ class _Pieces:
     def step(self) -> Floats:
         return np.log(self.outer / self.inner)
 
-    def unevenness(self, seen: Mask) -> float:
+    def unevenness(self, seen: Mask, pixels: float) -> float:
         """Standard deviation of the ground's light over the contrast. A shadow takes the same share of both sides'
-        light, and what is dark is none the surer of its share."""
+        light, and what is dark is none the surer of its share. pixels: on either side of a piece."""
         if not seen.any():
             return 0.0
         inner, outer = self.inner[seen], self.outer[seen]
         ratio = outer / inner
         beside, alone = np.std(ratio) / np.abs(np.mean(ratio) - 1), np.std(outer) / np.mean(np.abs(outer - inner))
-        return float(min(beside, alone))
+        # What noise alone does to the levels of so many pixels is no ground.
+        noise = _GRAINY * np.median(self.unexplained[seen]) / np.sqrt(pixels)
+        return float(np.sqrt(max(min(beside, alone) ** 2 - noise**2, 0.0)))
 
     def shown(self, own: Ints) -> Mask:
         """Which pieces (4, P) show a clear step, of the sense that most of all sides' have."""
@@ -243,9 +248,10 @@ def _prior(bows: Floats, own: Floats) -> Floats:
     return prior
 
 
-def _joined(frame: _Frame, pieces: _Pieces, seen: Mask, own: Ints, prior: Floats, fit: EdgeFit) -> Sides:
+def _joined(
+    frame: _Frame, pieces: _Pieces, seen: Mask, own: Ints, prior: Floats, fit: EdgeFit, uneven: float
+) -> Sides:
     """All four sides by least squares: their lines are each one's own, their bows hang together."""
-    uneven = pieces.unevenness(seen)
     coefficients, slopes, inverse = _solved(pieces, seen, prior, uneven)
     step = _typical(pieces.step, seen)
     left = pieces.offset - np.sum(coefficients[:, None] * pieces.u[..., None] ** np.arange(4), axis=-1)
