@@ -74,7 +74,8 @@ def test_a_corner_far_from_what_is_seen_says_so(scenes):
     open_view = detect_views(image, [sheet])[0]
     image[y - 24 : y + 25, x - 24 : x + 25] = 120
     (view,) = detect_views(image, [sheet])
-    hidden, sure = ((np.linalg.norm(one.common, axis=1)) for one in (view, open_view))
     corner = np.argmin(np.linalg.norm(view.pixels - truth[0], axis=1))
-    assert hidden[corner] > 2 * np.max(sure)
+    more = np.linalg.norm(view.common, axis=1) - np.linalg.norm(open_view.common, axis=1)
+    assert more[corner] > 0.04
+    assert more[corner] > 3 * np.max(np.delete(more, corner))
     assert scenes.error(view, pose).distance.max() < 5
