@@ -43,7 +43,7 @@ def check(
 
     Example: rig check rig.mcap tonight.mcap --json
     """
-    held = read_rig_file(rig) if is_mcap(rig) else RigFile(read_any_rig(rig))
+    held = read_rig_file(rig) if rig.is_file() and is_mcap(rig) else RigFile(read_any_rig(rig))
     if config is not None:
         held = replace(held, config_text=read_config(config).text)
     rectangles, views = views_of(held, recording, framesets)

@@ -16,6 +16,7 @@ from quadrig.io.formats.nerfstudio import is_nerfstudio, nerfstudio_files, read_
 from quadrig.io.formats.opencv import is_opencv, opencv_files, read_opencv
 from quadrig.io.formats.rig_json import is_rig_json, json_files, read_json
 from quadrig.io.formats.ros import (
+    FRAMES,
     is_camera_info,
     is_frames,
     read_camera_info,
@@ -64,6 +65,10 @@ def export_rig(rig: Rig, name: str, options: Options | None = None) -> Export:
                 f"{name} has no place for the distortion or the aspect of camera {camera.name!r}; export with "
                 "--undistorted, and use it with the pictures that `rig undistort` makes"
             )
+    if plain_names([options.base]) != [options.base]:
+        raise QuadrigError(
+            f"no frame can be called {options.base!r}; give --base letters, digits and _, a letter first"
+        )
     rig, left_out = _with_lenses(rig, form, name)
     fitted, notes = _renamed(rig, form, name, options.base)
     return Export(form.write(fitted, options), (*left_out, *notes))
@@ -93,22 +98,26 @@ def _renamed(rig: Rig, form: Format, name: str, base: str) -> tuple[Rig, tuple[s
     old = [camera.name for camera in rig.cameras]
     new = form.names(old)
     still = [placed.name for placed in rig.rectangles]
-    # The base's name and the cameras' are taken before a rectangle's.
-    others = form.names([base, *new, *still])[1 + len(new) :] if form.names is plain_names else still
-    changed = dict(zip([*old, *still], [*new, *others], strict=True))
-    cameras = [replace(camera, name=changed[camera.name]) for camera in rig.cameras]
+    # The base's name and those of the cameras' frames are taken before a rectangle's.
+    taken = [base, *new, *(f"{name}_{frame}" for name in new for frame in FRAMES)]
+    others = plain_names([*taken, *still])[len(taken) :] if form.names is plain_names else still
+    cameras = [replace(camera, name=held) for camera, held in zip(rig.cameras, new, strict=True)]
     rectangles = [
-        replace(placed, rectangle=replace(placed.rectangle, name=other))
-        for placed, other in zip(rig.rectangles, others, strict=True)
+        replace(placed, rectangle=replace(placed.rectangle, name=held))
+        for placed, held in zip(rig.rectangles, others, strict=True)
     ]
-    fits = [
-        replace(fit, view=replace(fit.view, camera=changed.get(fit.view.camera, fit.view.camera))) for fit in rig.fits
-    ]
-    notes = tuple(f"{name} cannot hold the name {a!r}: it is {b!r} there" for a, b in changed.items() if a != b)
-    reference = changed.get(rig.reference, rig.reference)
-    return replace(
-        rig, reference=reference, cameras=tuple(cameras), rectangles=tuple(rectangles), fits=tuple(fits)
-    ), notes
+    # Where a camera and a rectangle share a name, a View's camera and the rig frame are the camera.
+    held_as = {**dict(zip(still, others, strict=True)), **dict(zip(old, new, strict=True))}
+    views = [replace(fit.view, camera=held_as.get(fit.view.camera, fit.view.camera)) for fit in rig.fits]
+    fitted = replace(
+        rig,
+        reference=held_as.get(rig.reference, rig.reference),
+        cameras=tuple(cameras),
+        rectangles=tuple(rectangles),
+        fits=tuple(replace(fit, view=view) for fit, view in zip(rig.fits, views, strict=True)),
+    )
+    changed = [(a, b) for a, b in zip([*old, *still], [*new, *others], strict=True) if a != b]
+    return fitted, tuple(f"{name} cannot hold the name {a!r}: it is {b!r} there" for a, b in changed)
 
 
 _FORMATS: dict[str, Format] = {

@@ -23,6 +23,9 @@ from quadrig.single.pose import Pose
 from quadrig.single.rotation import rotation_from_vector
 
 _LINK_FROM_OPTICAL = Pose(np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]]), np.zeros(3))
+FRAMES = ("link", "optical")
+"""What a camera's frames are called behind its name: the body's, and that of its pictures."""
+
 _OPTICAL = ("_optical_frame", "_optical")
 _MODELS: dict[str, LensModel] = {
     **dict.fromkeys(("plumb_bob", "rational_polynomial"), "pinhole"),
@@ -82,7 +85,7 @@ def urdf_files(rig: Rig, options: Options) -> Files:
 def _frames(rig: Rig, options: Options) -> Iterator[tuple[str, str, Pose]]:
     """Parent, child and parent_from_child of every frame but the base."""
     for camera in rig.cameras:
-        optical, link = f"{camera.name}_optical", f"{camera.name}_link"
+        link, optical = (f"{camera.name}_{frame}" for frame in FRAMES)
         yield options.base, link, options.base_from_rig @ camera.rig_from_camera @ _LINK_FROM_OPTICAL.inverse()
         yield link, optical, _LINK_FROM_OPTICAL
     for placed in rig.rectangles:

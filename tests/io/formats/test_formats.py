@@ -475,6 +475,20 @@ def test_names_that_fall_together_are_told_apart():
     ]  # fmt: skip
 
 
+def test_frames_have_names_of_their_own(example_rig):
+    """Rectangles that are called like the base, or like a camera's frame, are called otherwise."""
+    named_so = [
+        replace(placed, rectangle=replace(placed.rectangle, name=name))
+        for placed, name in zip(example_rig.rectangles, ("board", "rig", "cam1_optical"), strict=True)
+    ]
+    robot = ElementTree.fromstring(export_files(replace(example_rig, rectangles=tuple(named_so)), "urdf")["rig.urdf"])
+    links = [link.get("name") for link in robot.findall("link")]
+    assert len(links) == len(set(links)) == 11
+    assert {"rig_2", "cam1_optical_2"} < set(links)
+    with pytest.raises(QuadrigError, match="no frame can be called 'base link'"):
+        export_files(example_rig, "urdf", Options(base="base link"))
+
+
 @pytest.mark.parametrize("form", [name for name, form in FORMATS.items() if form.write is not None])
 def test_every_format_takes_every_name(form, pinholes, tmp_path):
     names = ["left eye", "left/eye", "Left\neye", 'a "quoted" ünï']
