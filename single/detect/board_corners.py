@@ -4,6 +4,7 @@ import numpy as np
 
 from quadrig.single.arrays import Floats, Mask
 from quadrig.single.subpixel.corner_fit import CornerFit
+from quadrig.single.subpixel.ellipse_fit import EllipseFit
 from quadrig.single.subpixel.tone import USUAL_TONE, Tone
 
 # A corner whose fit leaves more than this share of its contrast unexplained (rms) is covered, torn or no corner.
@@ -30,7 +31,7 @@ def corner_window(axes: Floats) -> Floats:
     return np.clip(0.7 * across, 2.0, _WIDEST)
 
 
-def good_corners(fit: CornerFit) -> Mask:
+def good_corners(fit: CornerFit | EllipseFit) -> Mask:
     """Which corners are well explained and sure enough to be used."""
     explained = fit.noise < _UNEXPLAINED * np.abs(fit.contrast)
     return (

@@ -25,7 +25,7 @@ _CUBIC, _QUADRATIC = 20, 12
 # Share of a step between circles that one may lie beside the smooth map of all: what lenses do beyond third order.
 _OFF_MAP = 0.04
 # px that outlines are wrong by alike, where neighbours, tone and the pixel's square bend them.
-_MODEL_SIGMA = 0.003
+_MODEL_SIGMA = 0.004
 
 
 @dataclass(frozen=True, eq=False)

@@ -104,7 +104,7 @@ def _pixels_around(image: LightImage, pixels: Floats, shape: Floats, room: float
     wide = int(np.ceil(min(half + _BAND, half * (1 + room)))) + 1
     steps = np.arange(-wide, wide + 1)
     window = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
-    places = np.rint(pixels)[:, None] + window - pixels[:, None]
+    places = (np.rint(pixels)[:, None] + window - pixels[:, None]).astype(np.float32)
     distance, _, q = _distance(places[..., 0], places[..., 1], shape[:, [0, 0, 1], [0, 1, 1]])
     near = (np.abs(distance) < _BAND) & (q < 1 + room)
     # What is far from the outline is left out altogether: of large circles that is nearly all.
@@ -114,13 +114,13 @@ def _pixels_around(image: LightImage, pixels: Floats, shape: Floats, room: float
     places = np.take_along_axis(places, chosen[..., None], axis=1)
     whole = np.rint(places + pixels[:, None]).astype(int)
     light, inside = image.at(whole[..., 0], whole[..., 1])
-    return places.astype(np.float32), light, (near & inside).astype(np.float32)
+    return places, light, (near & inside).astype(np.float32)
 
 
-def _distance(u: Floats, v: Floats, shape: Floats) -> tuple[Floats, tuple[Floats, Floats], Floats]:
+def _distance(u: Singles, v: Singles, shape: Floats) -> tuple[Singles, tuple[Singles, Singles], Singles]:
     """px from the outline outwards (to first order; Sampson, 1982), what shape makes of each place, and its length:
     of places (N, P) about the middle and shape (N, 3) as xx, xy, yy."""
-    xx, xy, yy = shape.T[..., None]
+    xx, xy, yy = shape.astype(np.float32).T[..., None]
     a, b = xx * u + xy * v, xy * u + yy * v
     q = np.maximum(np.hypot(a, b), 1e-3)
     slope = np.maximum(np.hypot(xx * a + xy * b, xy * a + yy * b) / q, 1e-6)
@@ -131,7 +131,7 @@ def _model(parameters: Floats, places: Singles) -> tuple[Singles, Singles]:
     x, y, xx, xy, yy, log_blur, within, slope_x, slope_y, contrast = parameters.astype(np.float32).T[..., None]
     blur = np.exp(log_blur)
     u, v = places[..., 0] - x, places[..., 1] - y
-    distance, (a, b), _ = _distance(u, v, parameters[:, 2:5].astype(np.float32))
+    distance, (a, b), _ = _distance(u, v, parameters[:, 2:5])
     outside, slope, widen = soft_step(distance, blur)
     normal_x, normal_y = xx * a + xy * b, xy * a + yy * b
     length = np.maximum(np.hypot(normal_x, normal_y), 1e-6)

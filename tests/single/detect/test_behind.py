@@ -14,7 +14,7 @@ from quadrig.single.markings.charuco import CharucoMarking
 from quadrig.single.markings.chessboard import ChessboardMarking
 from quadrig.single.markings.tag import TagMarking
 from quadrig.single.pose import Pose
-from quadrig.single.rectangle import Rectangle
+from quadrig.single.rectangle import Marking, Rectangle
 from quadrig.single.render.capture import SRGB, Capture
 from quadrig.single.render.picture import Sheet, ray_grid, render_image
 
@@ -36,8 +36,9 @@ POSES = [
 ]
 
 
-def board(marking) -> Rectangle:
-    return Rectangle("board", *(marking.size or (0.16, 0.16)), marking, back=True)
+def board(marking: Marking) -> Rectangle:
+    width, height = marking.size or (0.16, 0.16)
+    return Rectangle("board", width, height, marking, back=True)
 
 
 def picture(rectangle: Rectangle, pose: Pose):
