@@ -8,7 +8,7 @@ import numpy as np
 from quadrig.rig.joint.assemble import assemble_rig, camera_covariance
 from quadrig.rig.joint.clock_rounds import solve_with_clocks
 from quadrig.rig.joint.stages import Contradicted
-from quadrig.rig.problem.build import Problem, build_problem
+from quadrig.rig.problem.build import Problem, absurd_sentence, absurd_views, build_problem
 from quadrig.rig.problem.camera_input import CameraInput
 from quadrig.rig.problem.connectivity import components, missing_cameras, refuse
 from quadrig.rig.result import Rig
@@ -29,7 +29,8 @@ def calibrate(
 
     reference: the camera, or the rectangle, whose frame is the rig frame (the world's, where the rectangle is
     surveyed); the first camera that can be placed where None. Cameras that share nothing with the largest rig are
-    not placed: Rig.missing says why, and Rig.apart has their lenses. Raises QuadrigError where nothing was seen, or
+    not placed: Rig.missing says why, and Rig.apart has their lenses. Views with absurd coordinates are left out and
+    named in Rig.weak. Raises QuadrigError where nothing was seen, or
     the Views determine no camera.
     """
     whole = build_problem(cameras, rectangles, views)
@@ -49,7 +50,8 @@ def calibrate(
             f"reference {named!r} was seen by no camera of the rig; show it, or take another reference"
         )
     placed = [index for index, camera in enumerate(whole.cameras) if camera.name in {c.name for c in first.cameras}]
-    return replace(first, missing=missing_cameras(whole, placed), apart=tuple(apart))
+    weak = (*first.weak, *map(absurd_sentence, absurd_views(views)))
+    return replace(first, missing=missing_cameras(whole, placed), apart=tuple(apart), weak=weak)
 
 
 def _rigs(problem: Problem, order: Sequence[str], reference: str | None) -> list[Rig]:

@@ -131,12 +131,13 @@ def _plain(image: Picture, gray: bool) -> Picture:
     if image.ndim == 3 and image.shape[2] == 4:
         alpha = image[..., 3]
         through = np.uint8(_WHITE) - alpha
-        image = np.dstack([cv2.add(cv2.multiply(image[..., k], alpha, scale=1 / 255), through) for k in range(3)])
+        shown = [cv2.add(cv2.multiply(image[..., k], alpha, scale=1 / 255), through) for k in range(3)]
+        image = np.asarray(np.dstack(shown), np.uint8)
     if gray and image.ndim == 3:
-        image = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
-    elif not gray and image.ndim == 2:
-        image = cv2.cvtColor(image, cv2.COLOR_GRAY2BGR)
-    return np.asarray(image, np.uint8)
+        return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), np.uint8)
+    if not gray and image.ndim == 2:
+        return np.asarray(cv2.cvtColor(image, cv2.COLOR_GRAY2BGR), np.uint8)
+    return image
 
 
 def shrunk(image: Picture, shrink: int) -> Picture:

@@ -119,8 +119,9 @@ def _read_other(kind: str, data: bytes) -> PictureHeader:
     exif = Image.Image.getexif(picture)
     alpha = picture.mode in _PNG_ALPHA or "transparency" in picture.info
     wide = picture.mode.startswith(("I", "F"))
+    width, height = picture.size
     return PictureHeader(
-        kind, *picture.size, _orientation(exif), (4 if alpha else 3) * (2 if wide else 1), alpha,
+        kind, width, height, _orientation(exif), (4 if alpha else 3) * (2 if wide else 1), alpha,
         _taken(exif.get_ifd(_EXIF)),
     )  # fmt: skip
 

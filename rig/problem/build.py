@@ -21,6 +21,8 @@ USUAL_NOISE = 0.3
 _MOST_REPEATS = 2
 # Four points carry a homography; fewer determine no pose of a plane.
 _FEWEST_POINTS = 4
+# Pixels, or metres: a hundred times what the largest picture has, and what no sheet is apart.
+_FARTHEST = 1e7
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,7 +105,7 @@ class Problem:
 
 
 def build_problem(cameras: Sequence[CameraInput], rectangles: Sequence[Rectangle], views: Sequence[View]) -> Problem:
-    """Number everything. Views of too few points are ignored.
+    """Number everything. Views of too few points are ignored, and those of absurd_views.
 
     Raises QuadrigError where names repeat, or a View names what is not there or holds broken numbers.
     """
@@ -114,7 +116,8 @@ def build_problem(cameras: Sequence[CameraInput], rectangles: Sequence[Rectangle
     by_name = {r.name: r for r in sorted(rectangles, key=lambda r: r.name)}
     known = {c.name for c in cameras}
     _check(views, known, by_name)
-    usable = [v for v in views if len(v.pixels) >= _FEWEST_POINTS]
+    absurd = {id(view) for view in absurd_views(views)}
+    usable = [v for v in views if len(v.pixels) >= _FEWEST_POINTS and id(v) not in absurd]
     return _problem(tuple(sorted(cameras, key=lambda c: c.name)), by_name, usable)
 
 
@@ -134,6 +137,20 @@ def _problem(cameras: tuple[CameraInput, ...], rectangles: dict[str, Rectangle],
         np.array([camera_index[v.camera] for v in ordered], int),
         np.array([node_index[key] for key in keys], int),
     )
+
+
+def absurd_views(views: Sequence[View]) -> list[View]:
+    """Views with a point or pixel that is in no picture and on no sheet: their squares would drown all others."""
+    parts = [view.pixels.ravel() for view in views] + [r.ravel() for view in views for r in view.readings]
+    if not parts or np.abs(np.concatenate(parts)).max(initial=0.0) <= _FARTHEST:
+        return []
+    return [v for v in views if any(np.abs(part).max(initial=0.0) > _FARTHEST for part in (v.pixels, *v.readings))]
+
+
+def absurd_sentence(view: View) -> str:
+    """Why a View of absurd_views is left out."""
+    farthest = max((np.abs(part).max(initial=0.0) for part in (view.pixels, *view.readings)), default=0.0)
+    return f"{_where(view)} is left out: a coordinate is {farthest:g}, which is in no picture and on no sheet"
 
 
 def _node_key(rectangle: Rectangle, frameset: int) -> tuple[str, int]:

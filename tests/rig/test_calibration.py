@@ -308,3 +308,15 @@ def test_a_reference_that_cannot_be_one_is_refused(board_rig):
         solved(made, reference="door")
     with pytest.raises(QuadrigError, match="moves"):
         solved(made, reference="sheet")
+
+
+@pytest.mark.parametrize("value", [1e200, -1e9])
+def test_a_view_that_is_in_no_picture_is_left_out_and_named(board_rig, value):
+    made, _ = board_rig
+    broken, *others = made.views
+    pixels = broken.pixels.copy()
+    pixels[0, 0] = value
+    rig = calibrate(made.inputs, made.rectangles, [replace(broken, pixels=pixels), *others])
+    same_rig(rig, calibrate(made.inputs, made.rectangles, others), 1e-12)
+    (said,) = [sentence for sentence in rig.weak if "is left out" in sentence]
+    assert f"by {broken.camera!r} in frameset {broken.frameset} is left out: a coordinate is {abs(value):g}" in said
