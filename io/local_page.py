@@ -97,7 +97,7 @@ def _handler(answer: Answer, token: str) -> type[BaseHTTPRequestHandler]:
         def do_POST(self) -> None:
             self._respond(None)
 
-        def log_message(self, *_: object) -> None:
+        def log_message(self, format: str, *args: object) -> None:  # noqa: A002 - as http.server calls it
             pass
 
         def _respond(self, values: dict[str, object] | None) -> None:

@@ -57,4 +57,5 @@ def pick(
         try:
             page.serve()
         except KeyboardInterrupt:
-            print(f"\nkept in {session.path}", file=sys.stderr)
+            kept = f"kept in {session.path}" if session.path.exists() else "no corner was placed"
+            print(f"\n{kept}", file=sys.stderr)

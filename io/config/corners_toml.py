@@ -74,9 +74,14 @@ class PointedCorners:
         return self.camera, self.rectangle.name, self.image
 
     @property
+    def given(self) -> list[bool]:
+        """Which corners were pointed at."""
+        return [bool(np.isfinite(pixel).all()) for pixel in self.pixels]
+
+    @property
     def complete(self) -> bool:
-        """Whether all four corners were pointed at."""
-        return bool(np.isfinite(self.pixels).all())
+        """Whether all four were."""
+        return all(self.given)
 
     @property
     def place(self) -> str:
@@ -152,8 +157,7 @@ def _pointed(table: _Corners, where: Callable[[str], str], rectangles: Sequence[
 def refuse_incomplete(pointed: PointedCorners) -> None:
     """Raises QuadrigError where corners are missing, or are no picture of a rectangle."""
     if not pointed.complete:
-        seen = np.isfinite(pointed.pixels).all(axis=1)
-        missing = " and ".join(name for name, given in zip(CORNER_NAMES, seen, strict=True) if not given)
+        missing = " and ".join(name for name, given in zip(CORNER_NAMES, pointed.given, strict=True) if not given)
         raise QuadrigError(
             f"{pointed.place} lack {missing}; all four are needed: click them with rig pick, or remove the table"
         )
@@ -183,8 +187,7 @@ def keep_corners(path: Path, pointed: PointedCorners) -> None:
     if not isinstance(tables, AoT):
         raise QuadrigError(f"{path}: corners is not a list of [[corners]] tables; write each as [[corners]]")
     index = next((i for i, table in enumerate(tables) if _key(table) == pointed.key), None)
-    seen = np.isfinite(pointed.pixels).all(axis=1)
-    if not seen.any():
+    if not any(pointed.given):
         if index is not None:
             del tables[index]
         if not tables:
@@ -203,7 +206,7 @@ def keep_corners(path: Path, pointed: PointedCorners) -> None:
         index = len(tables) - 1
     table = tables[index]
     table["sigma"] = pointed.sigma
-    for name, pixel, given in zip(CORNER_NAMES, pointed.pixels, seen, strict=True):
+    for name, pixel, given in zip(CORNER_NAMES, pointed.pixels, pointed.given, strict=True):
         if given:
             table[name] = [round(float(value), 2) for value in pixel]
         else:

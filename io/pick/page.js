@@ -12,6 +12,7 @@ const byId = (id) => document.getElementById(id);
 const state = { corners: [], predicted: {}, active: { camera: 0, rectangle: 0, corner: 0 }, frameset: 0 };
 const views = []; // one a camera: canvas, picture, where it is looked at
 let cursor = null; // picture px, in the active picture, where keys act
+let nudged = false; // whether keys moved it since its corner became active
 let hover = null; // {camera, x, y} under the mouse
 let snapped = null; // {camera, rectangle, corner, from, to} of the last snap
 let drag = null;
@@ -99,6 +100,8 @@ async function solve() {
   if (!answer || ticket !== asked) return;
   state.predicted = answer.predicted;
   state.status = answer.status;
+  // A corner that can be foreseen now is waited for where it should be.
+  if (!given() && !nudged) cursor = [...(predictedOf(state.active.camera)[state.active.corner] ?? cursor)];
   document.body.dataset.solved = ticket;
   draw();
 }
@@ -127,6 +130,7 @@ async function place(x, y, { snap = true, advance = true } = {}) {
 
 function nudge(dx, dy) {
   if (!cursor) return;
+  nudged = true;
   const { width, height } = camera();
   cursor = [Math.min(Math.max(cursor[0] + dx, 0), width - 1), Math.min(Math.max(cursor[1] + dy, 0), height - 1)];
   hover = null;
@@ -186,6 +190,7 @@ function instant(by) {
 
 function activate(to) {
   Object.assign(state.active, to);
+  nudged = false;
   const corner = state.active.corner;
   const { width, height } = camera();
   cursor = [...(given() ?? predictedOf(state.active.camera)[corner] ?? [(width - 1) / 2, (height - 1) / 2])];

@@ -1,5 +1,7 @@
 """Where two straight edges cross near a place that somebody pointed at: a corner of a line, a sheet, a window."""
 
+from dataclasses import dataclass
+
 import cv2
 import numpy as np
 
@@ -19,6 +21,8 @@ _SHARE, _LEAST = 0.2, 3.0
 _NEAR, _ALONG = 0.8, 0.94
 # Points (about a pixel apart) from which a line is sure, and lines looked for: two lines of paint have four edges.
 _FEWEST, _LINES = 7, 8
+# Rounds of fitting a line and choosing its points anew: the first line is that of a single point.
+_ROUNDS = 3
 # Edges that cross at less than this (sine of 15 degrees) do not say where along them.
 _ANGLE = 0.26
 # An edge reaches at least this near (px) to its crossing: twice the width of a line that it ends at.
@@ -71,33 +75,46 @@ def _sampled(image: Floats, x: Floats, y: Floats) -> Floats:
     return cv2.remap(image, x.astype(np.float32)[None], y.astype(np.float32)[None], cv2.INTER_LINEAR)[0]
 
 
-def _lines(points: Floats, normals: Floats, weights: Floats) -> list[tuple[Floats, Floats, Floats]]:
-    """The straight edges: a point, the unit normal, and the points of each, those with most points first."""
+@dataclass(frozen=True, eq=False)
+class _Line:
+    """A straight edge: its middle (2,), the unit normal (2,) towards the light, and its points (N, 2)."""
+
+    middle: Floats
+    normal: Floats
+    points: Floats
+
+
+def _lines(points: Floats, normals: Floats, weights: Floats) -> list[_Line]:
+    """The straight edges, those with most points first."""
     left, lines = np.ones(len(points), bool), []
     while left.sum() >= _FEWEST and len(lines) < _LINES:
         rest, sense, weight = points[left], normals[left], weights[left]
         fits = np.abs(np.einsum("ijk,ik->ij", rest[None] - rest[:, None], sense)) < _NEAR
         fits &= sense @ sense.T > _ALONG
-        chosen = fits[np.argmax(fits.sum(axis=1))]
-        for _ in range(3):
+        first = np.argmax(fits.sum(axis=1))
+        line, chosen = _Line(rest[first], sense[first], rest), fits[first]
+        for _ in range(_ROUNDS):
             if chosen.sum() < _FEWEST:
                 return lines
-            middle = np.average(rest[chosen], axis=0, weights=weight[chosen])
-            off = (rest[chosen] - middle) * np.sqrt(weight[chosen])[:, None]
-            normal = np.linalg.eigh(off.T @ off)[1][:, 0]
-            normal *= np.sign(normal @ sense[chosen].mean(axis=0))
-            chosen = (np.abs((rest - middle) @ normal) < _NEAR) & (sense @ normal > _ALONG)
-        if chosen.sum() < _FEWEST:
-            return lines
-        lines.append((middle, normal, rest[chosen]))
+            line = _through(rest[chosen], sense[chosen], weight[chosen])
+            chosen = (np.abs((rest - line.middle) @ line.normal) < _NEAR) & (sense @ line.normal > _ALONG)
+        lines.append(line)
         left[np.flatnonzero(left)[chosen]] = False
     return lines
 
 
-def _crossing(one: tuple[Floats, Floats, Floats], other: tuple[Floats, Floats, Floats]) -> Floats | None:
-    normals = np.stack([one[1], other[1]])
+def _through(points: Floats, normals: Floats, weights: Floats) -> _Line:
+    """The line that weighted points lie on best."""
+    middle = np.average(points, axis=0, weights=weights)
+    off = (points - middle) * np.sqrt(weights)[:, None]
+    normal = np.linalg.eigh(off.T @ off)[1][:, 0]
+    return _Line(middle, normal * np.sign(normal @ normals.mean(axis=0)), points)
+
+
+def _crossing(one: _Line, other: _Line) -> Floats | None:
+    normals = np.stack([one.normal, other.normal])
     if abs(np.linalg.det(normals)) < _ANGLE:
         return None
-    crossing = np.linalg.solve(normals, [one[1] @ one[0], other[1] @ other[0]])
-    ends = max(np.hypot(*(line[2] - crossing).T).min() for line in (one, other))
+    crossing = np.asarray(np.linalg.solve(normals, [one.normal @ one.middle, other.normal @ other.middle]), float)
+    ends = max(np.hypot(*(line.points - crossing).T).min() for line in (one, other))
     return crossing if ends < _ENDS else None

@@ -100,11 +100,11 @@ def test_a_rectangle_in_one_picture_predicts_the_other_there(opened, court):
     predicted = opened.page.evaluate("state.predicted.left.service")
     off = np.array(predicted) - court.corners("left", court.SERVICE)
     assert np.hypot(*off.T).max() < 6
-    # Enter takes the predicted corner as it is shown, snapped.
+    # Enter takes the predicted corner as it is shown, and snaps it; what does not come so near stays as predicted.
     opened.press("r", "Enter", "Enter", "Enter", "Enter")
     opened.idle()
-    taken = opened.page.evaluate("pixelsOf(0)")
-    assert all(pixel is not None for pixel in taken)
+    off = np.array(opened.page.evaluate("pixelsOf(0)")) - court.corners("left", court.SERVICE)
+    assert np.hypot(*off.T).max() < 7
 
 
 def test_a_snap_is_shown_and_undone_and_done_again(opened, session, court):
@@ -230,7 +230,7 @@ def test_a_file_broken_meanwhile_is_one_sentence_on_the_page(browser, court, ses
 def test_pictures_of_twelve_megapixels_fit_whatever_the_window(browser, court, tmp_path, serving, open_session, size):
     pictures, large = court.write(tmp_path), np.array([4000, 3000])
     for path in pictures:
-        cv2.imwrite(str(path), cv2.resize(cv2.imread(str(path)), large.tolist(), interpolation=cv2.INTER_CUBIC))
+        cv2.imwrite(str(path), cv2.resize(court.picture(path.stem), (4000, 3000), interpolation=cv2.INTER_CUBIC))
     session = open_session(tmp_path, pictures)
     with serving(session) as served:
         opened = Opened(browser, served.url, court, size=size, width=4000, scheme="dark")

@@ -6,7 +6,6 @@ import cv2
 import numpy as np
 import pytest
 
-from quadrig.io.commands.main import run
 from quadrig.io.config.corners_toml import read_corners
 from quadrig.io.local_page import Request
 from quadrig.io.pick.answers import answers
@@ -16,6 +15,7 @@ from quadrig.single.errors import QuadrigError
 def asked(session, method, path, **values):
     """The JSON of an answer."""
     reply = answers(session)(Request(method, path, values))
+    assert reply is not None
     return json.loads(reply.body)
 
 
@@ -26,7 +26,9 @@ def placed(session, **values):
 
 def test_a_picture_is_the_recording_s(session, court):
     reply = answers(session)(Request("GET", "picture", {"camera": "left", "image": "0"}))
+    assert reply is not None
     shown = cv2.imdecode(np.frombuffer(reply.body, np.uint8), cv2.IMREAD_GRAYSCALE)
+    assert shown is not None
     assert shown.shape == (court.HEIGHT, court.WIDTH)
 
 
@@ -91,9 +93,3 @@ def test_a_moving_rectangle_has_corners_of_its_own_in_every_image(court, tmp_pat
     placed(session, image=1, x=20.0)
     read = read_corners(session.path, session.rectangles)
     assert [(one.image, one.pixels[0, 0]) for one in read] == [(0, 10.0), (1, 20.0)]
-
-
-def test_without_anything_to_point_at_pick_says_so(tmp_path, capsys):
-    (tmp_path / "rig.toml").write_text('[[rectangle]]\nname = "a"\nsize = "A4"\nmarking = { kind = "plain" }\n')
-    assert run(["pick", str(tmp_path), "--config", str(tmp_path / "rig.toml"), "--no-browser"]) == 1
-    assert 'no rectangle has marking = { kind = "points" }' in capsys.readouterr().err
