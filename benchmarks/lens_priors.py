@@ -72,8 +72,9 @@ def log_density(values: Floats, mean: Floats, covariance: Floats) -> Floats:
     return result
 
 
-def radial_classes(values: Floats, weight: Floats) -> list[tuple[float, Floats, Floats]]:
-    """Barrel, nearly none and pincushion, and a wide class: weight, mean (3,), covariance (3, 3) of each."""
+def radial_classes(values: Floats, weight: Floats) -> tuple[list[tuple[float, Floats, Floats]], Floats]:
+    """Barrel, nearly none and pincushion, and a wide class: weight, mean (3,), covariance (3, 3) of each; and the
+    weight (N, 4) of each row in each class."""
     low, high = np.nanquantile(values, [0.05, 0.95], axis=0)
     begun = [values[:, 0] < -0.1, np.abs(values[:, 0]) < 0.03, values[:, 0] > 0.03]
     means = [np.nanmedian(values[own], axis=0) for own in begun] + [(low + high) / 2]
@@ -86,7 +87,7 @@ def radial_classes(values: Floats, weight: Floats) -> list[tuple[float, Floats, 
         for k in range(3):
             means[k], spreads[k] = _moments(values, belongs[:, k], means[k], spreads[k])
         share = belongs.sum(axis=0) / weight.sum()
-    return [(float(share[k]), means[k], spreads[k]) for k in range(4)]
+    return [(float(share[k]), means[k], spreads[k]) for k in range(4)], belongs
 
 
 def _moments(values: Floats, weight: Floats, mean: Floats, covariance: Floats) -> tuple[Floats, Floats]:
@@ -143,7 +144,7 @@ def main() -> None:
     rows, weight = rows_of(source, "pinhole_k3")
     half = np.array([_half(row) for row in rows])
     terms = np.array([[_number(r, "k1"), _number(r, "k2"), _number(r, "k3", "k3 fixed")] for r in rows])
-    radial = radial_classes(terms * half[:, None] ** [2, 4, 6], weight)
+    radial, belongs = radial_classes(terms * half[:, None] ** [2, 4, 6], weight)
     centre = np.array(
         [
             [(_number(r, f"c{axis}", "pp fixed") - (float(r[size]) - 1) / 2) / _side(r) for r in rows]
@@ -160,6 +161,7 @@ def main() -> None:
     both = np.concatenate([well_made, well_made])
     tables: dict[str, tuple[object, str]] = {
         "RADIAL": (radial, "Weight, mean and covariance of each class: barrel, nearly none, pincushion, any."),
+        "RADIAL_FOCAL": ([log_focal(rows, own) for own in belongs.T], "FOCAL of each class: long lenses bend less."),
         "CENTRE": (widths(centre.ravel(), both, 2), "Weight and sigma, of each coordinate, of the larger side."),
         "TANGENTIAL": (widths(tangential.ravel(), both, 2), "Weight and sigma of p1 and p2."),
         "ASPECT": (widths(aspect, weight, 3), "Weight and sigma of the aspect about 1."),

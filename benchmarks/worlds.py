@@ -51,7 +51,8 @@ Lens = Callable[[np.random.Generator], Floats]
 def table_lens(rng: np.random.Generator) -> Floats:
     """A lens (9,) drawn from the classes of single/lens_table.py."""
     focal = np.exp(np.clip(rng.normal(-0.23, 0.35), -0.9, 0.5)) * WIDTH
-    classes = lens_classes([(WIDTH, HEIGHT)], np.array([focal]), ["pinhole"])
+    every = np.array([focal])
+    _, classes = lens_classes([(WIDTH, HEIGHT)], every, ["pinhole"], own_focals=True).at_focals(every)
     while True:
         row = rng.choice(classes.weight.shape[1], p=classes.weight[0])
         spread = np.linalg.cholesky(classes.covariance[0, row])

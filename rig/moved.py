@@ -19,7 +19,6 @@ import numpy as np
 
 from quadrig.rig.adjustment.bordered import border_of
 from quadrig.rig.adjustment.levenberg_marquardt import adjust, undamped
-from quadrig.rig.adjustment.outliers import EXPECTED_WEIGHT, noise_of
 from quadrig.rig.adjustment.schur import dense_matrix
 from quadrig.rig.adjustment.twist_jacobians import step_by_camera_twist
 from quadrig.rig.joint.cross_validation import cross_validate
@@ -38,6 +37,7 @@ from quadrig.single.arrays import Floats, Ints, Mask
 from quadrig.single.errors import QuadrigError
 from quadrig.single.lens import LENS_PARAMETERS
 from quadrig.single.pose import Pose
+from quadrig.single.posterior.noise import EXPECTED_WEIGHT, noise_of
 from quadrig.single.rectangle import Rectangle
 from quadrig.single.view import View
 

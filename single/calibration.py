@@ -8,35 +8,30 @@ import numpy as np
 
 from quadrig.single.arrays import Floats
 from quadrig.single.errors import QuadrigError
-from quadrig.single.lens import Intrinsics, image_middle
+from quadrig.single.lens import LENS_PARAMETERS, Intrinsics, image_middle
 from quadrig.single.pose import Pose, inverse_jacobian
+from quadrig.single.posterior.lens_estimate import LensEstimate, LensPrior, estimate_lens, expected_sigma
+from quadrig.single.posterior.lens_fit import LensViews, stacked_views
+from quadrig.single.posterior.noise import EXPECTED_WEIGHT
 from quadrig.single.solve.corners import REASON_WORDS, Reason
 from quadrig.single.solve.focal_advice import focal_advice, percent, view_tilt
-from quadrig.single.solve.lens_fit import LensFit, fit_lens
-from quadrig.single.solve.maximum_likelihood import NORMAL_95, Solution, solve_points
+from quadrig.single.solve.maximum_likelihood import Solution, solve_points
 from quadrig.single.solve.twin import Twins, twin_poses
 from quadrig.single.view import View
 
 Distortion = Literal["none", "k1", "k1 k2", "auto"]
 
-# How far from the middle of the picture a lens's axis is taken to lie, as a share of the longer side, where nobody
-# says: calibrated consumer cameras lie within one to three per cent.
-USUAL_CENTRE_SIGMA = 0.02
-# Where the axis is not given, the lens elements may be off it too: the standard deviation of p1 and p2. Over the real
-# pictures of two cameras (13 and 5 Views, each calibrated alone, against all together) it brings the errors from four
-# and two of their sigmas to 1.4 and 1.2, and makes them no larger.
-_DECENTRING = 1e-3
-# What k1 may be where nobody says and few points cannot show it: that of phones and plain webcams.
-USUAL_DISTORTION_SIGMA = 0.05
-# Fewer points than this cannot distinguish distortion from a wrong corner.
-_POINTS_FOR_DISTORTION = 12
-# A distortion coefficient is kept where it lowers the sum of squares by this many variances: far beyond chance (9 is
-# three sigma), as each costs the focal some certainty.
-_WORTH_A_COEFFICIENT = 15.0
-# Degrees of freedom from which the residuals know the noise better than the detector does.
-_DOF_FOR_NOISE = 10
+# Where a View's readings are compared, how far from the middle of the picture its axis may lie, of the longer side.
+_USUAL_CENTRE = 0.02
+# A focal is not known where the Views leave more than this share of it open: its sigma before any View is 0.44.
+UNKNOWN_FOCAL = 0.25
 # ln of a likelihood ratio of twenty to one: below it the mirrored tilt cannot be ruled out.
 _SURE_OF_TILT = 3.0
+# The share of lenses that are none of the usual kinds, above which something else may be wrong: a tenth beforehand.
+_UNUSUAL = 0.5
+# Sigmas of a sheet's shape that no sheet has.
+_BENT = 3.0
+_CHECK = "check the sizes, the order of the corners and that the sheet is flat"
 # A sum of squares this many times its expectation is no noise: something else is wrong.
 _MISFIT = 9.0
 
@@ -57,6 +52,7 @@ class Calibration:
     camera_from_rects: Pose
     pose_covariance: Floats
     lens_pose_covariance: Floats
+    focal_interval: tuple[float, float]
     residuals: tuple[Floats, ...]
     rms: float
     noise: float
@@ -69,13 +65,6 @@ class Calibration:
     def focal_sigma(self) -> float:
         """Standard deviation of the focal, px; 0 where it was given."""
         return float(np.sqrt(self.lens_covariance[0, 0]))
-
-    @property
-    def focal_interval(self) -> tuple[float, float]:
-        """The 95 % interval of the focal, px, symmetric in 1/f: it may reach infinity."""
-        inverse = 1 / self.intrinsics.focal
-        spread = NORMAL_95 * self.focal_sigma * inverse**2
-        return 1 / (inverse + spread), 1 / (inverse - spread) if inverse > spread else np.inf
 
     def covariance(self, view: int = 0) -> Floats:
         """Covariance (9, 9) of (focal, cx, cy, step of camera_from_rect) for one of the Views."""
@@ -106,7 +95,6 @@ def calibrate_view(
     principal_point: Floats | None = None,
     principal_point_sigma: float | None = None,
     distortion: Distortion = "auto",
-    distortion_sigma: float | None = None,
 ) -> Calibration:
     """The camera that took one View: calibrate_views of a single one."""
     return calibrate_views(
@@ -116,7 +104,6 @@ def calibrate_view(
         principal_point=principal_point,
         principal_point_sigma=principal_point_sigma,
         distortion=distortion,
-        distortion_sigma=distortion_sigma,
     )
 
 
@@ -128,7 +115,6 @@ def calibrate_views(
     principal_point: Floats | None = None,
     principal_point_sigma: float | None = None,
     distortion: Distortion = "auto",
-    distortion_sigma: float | None = None,
 ) -> Calibration:
     """The lens that took all these Views and the pose of each rectangle, at the maximum of likelihood.
 
@@ -147,47 +133,31 @@ def calibrate_views(
         raise QuadrigError(f"the image size is {width}x{height}; give the size of the picture in pixels")
     if focal is not None and not (np.isfinite(focal) and focal > 0):
         raise QuadrigError(f"the focal is {focal} px; give a length above zero")
-    if principal_point_sigma is None:
-        principal_point_sigma = 0.0 if principal_point is not None else USUAL_CENTRE_SIGMA * max(width, height)
-    centre = image_middle(width, height) if principal_point is None else np.asarray(principal_point, float)
-    given = _Given(
-        image_size,
-        focal,
-        centre,
-        principal_point_sigma,
-        _distortion_sigma(views, distortion, distortion_sigma, principal_point is None),
-        _DECENTRING if principal_point_sigma > 0 and distortion != "none" and _many(views) else 0.0,
-    )
-    views, readings, alone = _likeliest_readings(views, given)
-    start, poses = _start(views, given, alone)
-    fit, noise = _fitted(views, given, start, poses, distortion)
-    return _calibration(views, readings, given, fit, noise)
+    prior = _prior(image_size, focal, principal_point, principal_point_sigma, distortion)
+    views, readings, alone = _likeliest_readings(views, prior)
+    stacked = stacked_views(views)
+    found = estimate_lens(stacked, prior, [] if focal is not None else _focals(alone))
+    return _calibration(views, stacked, readings, prior, found)
 
 
-@dataclass(frozen=True, eq=False)
-class _Given:
-    image_size: tuple[int, int]
-    focal: float | None
-    centre: Floats
-    centre_sigma: float
-    distortion_sigma: float
-    decentring: float
+def _prior(
+    image_size: tuple[int, int],
+    focal: float | None,
+    principal_point: Floats | None,
+    principal_point_sigma: float | None,
+    distortion: Distortion,
+) -> LensPrior:
+    """What is known beforehand, in the terms of the solver."""
+    held, lens, sigma = np.zeros(9, bool), np.zeros(9), np.zeros(9)
+    lens[1:3] = image_middle(*image_size) if principal_point is None else principal_point
+    if principal_point is not None or principal_point_sigma is not None:
+        held[1:3], sigma[1:3] = True, principal_point_sigma or 0.0
+    if distortion != "auto":
+        held[3:8] = [name not in distortion.split() for name in LENS_PARAMETERS[3:8]]
+    return LensPrior(image_size, focal, held, lens, sigma)
 
 
-def _many(views: Sequence[View]) -> bool:
-    """Whether there are points enough to show distortion."""
-    return sum(len(view.pixels) for view in views) >= _POINTS_FOR_DISTORTION * len(views)
-
-
-def _distortion_sigma(
-    views: Sequence[View], distortion: Distortion, asked: float | None, camera_unknown: bool
-) -> float:
-    if asked is not None:
-        return asked
-    return USUAL_DISTORTION_SIGMA if distortion == "auto" and camera_unknown and not _many(views) else 0.0
-
-
-def _alone(view: View, given: _Given, points: Floats, focal: float | None) -> Solution:
+def _alone(view: View, prior: LensPrior, points: Floats) -> Solution:
     if len(points) != len(view.pixels) or len(points) < 4:
         raise QuadrigError(
             f"the View of {view.rectangle!r} has {len(points)} points and {len(view.pixels)} pixels; "
@@ -198,20 +168,22 @@ def _alone(view: View, given: _Given, points: Floats, focal: float | None) -> So
     answer = solve_points(
         front_from_rect.transform(points),
         view.pixels,
-        given.centre,
-        focal=focal,
+        prior.lens[1:3],
+        focal=prior.focal,
         sigma=view.expected_sigma,
-        principal_point_sigma=given.centre_sigma,
+        principal_point_sigma=prior.sigma[1] if prior.held[1] else _USUAL_CENTRE * prior.side,
     )
     return replace(answer, camera_from_rect=answer.camera_from_rect @ front_from_rect)
 
 
-def _likeliest_readings(views: Sequence[View], given: _Given) -> tuple[list[View], tuple[int, ...], list[Solution]]:
+def _likeliest_readings(
+    views: Sequence[View], prior: LensPrior
+) -> tuple[list[View], tuple[int, ...], list[Solution]]:
     """Each View under the reading that fits best, which that is, and what it gives alone; the first reading where
     others are no better than noise makes them."""
     taken, numbers, alone = [], [], []
     for view in views:
-        answers = [_alone(view, given, points, given.focal) for points in view.readings]
+        answers = [_alone(view, prior, points) for points in view.readings]
         fits = [float(answer.chi2) if np.isfinite(answer.chi2) else np.inf for answer in answers]
         if not np.isfinite(fits).any():
             where = f"the View of {view.rectangle!r}" + (f" in camera {view.camera!r}" if view.camera else "")
@@ -225,97 +197,56 @@ def _likeliest_readings(views: Sequence[View], given: _Given) -> tuple[list[View
     return taken, tuple(numbers), alone
 
 
-def _start(views: Sequence[View], given: _Given, alone: Sequence[Solution]) -> tuple[Intrinsics, Pose]:
-    """A lens and poses to start from: every View at one focal, their own weighted as each knows it."""
-    focal, at_focal = given.focal, alone
-    if focal is None:
-        inverse = np.array([1 / float(answer.focal) for answer in alone])
-        weight = np.array([(float(answer.focal) ** 2 / float(answer.focal_sigma)) ** 2 for answer in alone])
-        weight = np.where(np.isfinite(weight * inverse), weight, 0.0)
-        known = weight.sum() > 0
-        focal = float(weight.sum() / (weight * inverse)[weight > 0].sum()) if known else float(max(given.image_size))
-        if len(views) > 1 or not known:
-            at_focal = [_alone(view, given, view.points, focal) for view in views]
-    rotations = np.stack([answer.camera_from_rect.rotation for answer in at_focal])
-    translations = np.stack([answer.camera_from_rect.translation for answer in at_focal])
-    return Intrinsics(*given.image_size, focal, given.centre.copy()), Pose(rotations, translations)
-
-
-def _fitted(
-    views: Sequence[View], given: _Given, start: Intrinsics, poses: Pose, distortion: Distortion
-) -> tuple[LensFit, float]:
-    """The fit with as much distortion as asked for or shown, and by how much its noise exceeds the Views' sigma."""
-    free = [] if given.focal is not None else ["focal"]
-    prior = {"cx": given.centre_sigma, "cy": given.centre_sigma} if given.centre_sigma > 0 else {}
-    if given.distortion_sigma > 0:
-        prior["k1"] = given.distortion_sigma
-    points, pixels = [view.points for view in views], [view.pixels for view in views]
-    sigma, common = [view.expected_sigma for view in views], [view.common for view in views]
-
-    def fit(intrinsics: Intrinsics, at: Pose, coefficients: Sequence[str], excess: float = 1.0) -> LensFit:
-        names = dict.fromkeys([*free, *prior, *coefficients])
-        return fit_lens(points, pixels, intrinsics, at, list(names), [s * excess for s in sigma], prior, common)
-
-    if distortion == "auto":
-        ladder = [[], ["k1"], ["k1", "k2"]] if _many(views) else [[]]
-    else:
-        ladder = [[] if distortion == "none" else distortion.split()]
-    best = fit(start, poses, ladder[0])
-    used = ladder[0]
-    for coefficients in ladder[1:]:
-        richer = fit(best.intrinsics, best.camera_from_rects, coefficients)
-        variance = max(richer.chi2 / max(richer.dof, 1), 1e-300)
-        if not (richer.converged and best.chi2 - richer.chi2 > _WORTH_A_COEFFICIENT * variance):
-            break
-        best, used = richer, coefficients
-    excess = max(float(np.sqrt(best.chi2 / best.dof)), 1.0) if best.dof >= _DOF_FOR_NOISE else 1.0
-    if given.decentring > 0:
-        # Last, at the right noise: before the radial terms are in, tangential ones would go after their residuals.
-        prior |= {"p1": given.decentring, "p2": given.decentring}
-    if given.decentring > 0 or excess > 1:
-        best = fit(best.intrinsics, best.camera_from_rects, used, excess)
-    return best, excess
+def _focals(alone: Sequence[Solution]) -> list[float]:
+    """The focal of all Views, each weighed as it knows it by itself; none where no View does."""
+    inverse = np.array([1 / float(answer.focal) for answer in alone])
+    weight = np.array([(float(answer.focal) ** 2 / float(answer.focal_sigma)) ** 2 for answer in alone])
+    weight = np.where(np.isfinite(weight * inverse), weight, 0.0)
+    return [float(weight.sum() / (weight * inverse)[weight > 0].sum())] if weight.sum() > 0 else []
 
 
 def _calibration(
-    views: Sequence[View], readings: tuple[int, ...], given: _Given, fit: LensFit, excess: float
+    views: Sequence[View], stacked: LensViews, readings: tuple[int, ...], prior: LensPrior, found: LensEstimate
 ) -> Calibration:
-    noise = excess * float(np.sqrt(np.mean([view.expected_sigma**2 for view in views])))
-    relative = float(np.sqrt(fit.lens_covariance[0, 0])) / fit.intrinsics.focal
-    knowable = given.focal is not None or NORMAL_95 * relative < 1
-    twins = _twins(views[0], fit, noise) if len(views) == 1 else None
-    square = np.concatenate([(r**2).sum(axis=-1) for r in fit.residuals])
+    lens = Intrinsics.centred(*prior.image_size, 1.0).with_parameters(found.lens)
+    noise = found.noise * float(np.sqrt(np.mean([view.expected_sigma**2 for view in views])))
+    relative = float(np.sqrt(found.lens_covariance[0, 0])) / lens.focal
+    knowable = prior.focal is not None or relative < UNKNOWN_FOCAL
+    twins = _twins(views[0], lens, found.camera_from_rects[0], noise) if len(views) == 1 else None
+    residuals = tuple(rows[: len(view.pixels)] for rows, view in zip(found.residuals, views, strict=True))
+    square = np.concatenate([(r**2).sum(axis=-1) for r in residuals])
+    low, high = found.focal_interval
     return Calibration(
-        fit.intrinsics,
-        fit.lens_covariance,
-        fit.camera_from_rects,
-        fit.pose_covariance,
-        fit.lens_pose_covariance,
-        fit.residuals,
+        lens,
+        found.lens_covariance,
+        found.camera_from_rects,
+        found.pose_covariance,
+        found.lens_pose_covariance,
+        (low, high if knowable else np.inf),
+        residuals,
         float(np.sqrt(np.nanmean(square))),
         noise,
         Reason.OK if knowable else Reason.FOCAL_UNKNOWABLE,
         readings,
         twins,
-        tuple(_notes(views, readings, given, fit, noise, relative, twins)),
+        tuple(_notes(views, stacked, readings, prior, found, relative, twins)),
     )
 
 
-def _twins(view: View, fit: LensFit, noise: float) -> Twins:
+def _twins(view: View, lens: Intrinsics, camera_from_rect: Pose, noise: float) -> Twins:
     """Both tilts at the lens found, from pixels freed of its distortion."""
-    lens = fit.intrinsics
     rays = lens.unproject(view.pixels)
     with np.errstate(all="ignore"):
         straight = lens.focal * rays[:, :2] / rays[:, 2:] + lens.principal_point
-    return twin_poses(view.points, straight, lens.focal, lens.principal_point, fit.camera_from_rects[0], noise)
+    return twin_poses(view.points, straight, lens.focal, lens.principal_point, camera_from_rect, noise)
 
 
 def _notes(
     views: Sequence[View],
+    stacked: LensViews,
     readings: tuple[int, ...],
-    given: _Given,
-    fit: LensFit,
-    noise: float,
+    prior: LensPrior,
+    found: LensEstimate,
     relative: float,
     twins: Twins | None,
 ) -> list[str]:
@@ -323,34 +254,52 @@ def _notes(
     for view, reading in zip(views, readings, strict=True):
         if reading:
             notes.append(f"{view.rectangle!r} was read rotated: reading {reading + 1} of its corners fits best")
-    if fit.dof > 0 and fit.chi2 > _MISFIT * fit.dof:
+    if found.chi2 > _MISFIT * (found.freedom + EXPECTED_WEIGHT):
         notes.append(
-            f"the points miss a rectangle of this size by {np.sqrt(fit.chi2 / fit.dof):.1f} times their noise: "
-            "check the sizes, the order of the corners and that the sheet is flat; the sigmas say too little"
+            f"the points miss a rectangle of this size by {found.noise:.1f} times their noise: {_CHECK}; the sigmas "
+            "say too little"
         )
-    if given.focal is None:
-        if not NORMAL_95 * relative < 1:
-            notes.append(f"{REASON_WORDS[Reason.FOCAL_UNKNOWABLE]}")
-        if len(views) == 1:
-            notes += focal_advice(
-                views[0].points,
-                fit.intrinsics.focal,
-                fit.camera_from_rects[0],
-                fit.intrinsics.principal_point,
-                noise,
-                given.centre_sigma,
-                relative,
-                given.image_size,
-            )
-        elif relative > 0.01:
-            tilts = np.degrees(view_tilt(fit.camera_from_rects))
-            notes.append(
-                f"the focal is known to {percent(relative)}: the tilts are {tilts.min():.0f} to {tilts.max():.0f} "
-                "degrees; add Views tilted by about 40"
-            )
+    elif (bent := float(np.abs(found.shape).max())) > _BENT:
+        notes.append(
+            f"only a sheet bent {bent:.0f} times as far as sheets usually are explains these points: {_CHECK}"
+        )
+    elif found.unusual > _UNUSUAL:
+        notes.append(f"only a lens that few people use explains these points: {_CHECK}")
+    if prior.focal is None:
+        notes += _focal_notes(stacked, prior, found, relative)
     if twins is not None and twins.log_likelihood_ratio < _SURE_OF_TILT:
         notes.append(
             f"the mirrored tilt fits almost as well (this one is {np.exp(twins.log_likelihood_ratio):.1f} times as "
             "likely): another View decides"
         )
     return notes
+
+
+def _focal_notes(views: LensViews, prior: LensPrior, found: LensEstimate, relative: float) -> list[str]:
+    notes = [] if relative < UNKNOWN_FOCAL else [REASON_WORDS[Reason.FOCAL_UNKNOWABLE]]
+    if len(views.sigma) > 1:
+        if relative > 0.01:
+            tilts = np.degrees(view_tilt(found.camera_from_rects))
+            notes.append(
+                f"the focal is known to {percent(relative)}: the tilts are {tilts.min():.0f} to {tilts.max():.0f} "
+                "degrees; add Views tilted by about 40"
+            )
+        return notes
+    focal = float(found.lens[0])
+
+    def expected(pose: Pose, *, centre_known: bool = False, distortion_known: bool = False) -> float:
+        sigma = expected_sigma(
+            views, found, prior, pose[None], centre_known=centre_known, distortion_known=distortion_known
+        )
+        return sigma / focal
+
+    centre_sigma = 0.0 if prior.held[1] and not prior.sigma[1] else float(np.sqrt(found.lens_covariance[1, 1]))
+    return notes + focal_advice(
+        views.points[0][views.seen[0]],
+        focal,
+        found.camera_from_rects[0],
+        expected,
+        relative,
+        centre_sigma,
+        prior.image_size,
+    )

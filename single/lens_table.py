@@ -24,6 +24,9 @@ RADIAL = (
 )
 """Weight, mean and covariance of each class: barrel, nearly none, pincushion, any."""
 
+RADIAL_FOCAL = ((-0.427, 0.215), (-0.0898, 0.338), (-0.193, 0.292), (-0.549, 0.326))
+"""FOCAL of each class: long lenses bend less."""
+
 CENTRE = ((0.513, 0.00607), (0.487, 0.0264))
 """Weight and sigma, of each coordinate, of the larger side."""
 

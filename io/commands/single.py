@@ -1,5 +1,6 @@
 """`rig single`: focal and pose of one camera from one picture of one rectangle."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -63,22 +64,24 @@ def single(
     ] = None,
     principal_point_sigma: Annotated[
         float | None,
-        typer.Option(help="How well it is known, px; 0 where it is given, else 2 % of the longer side."),
+        typer.Option(help="How well it is known, px; 0 where it is given, else as in real cameras."),
     ] = None,
     distortion: Annotated[
-        Distortion, typer.Option(help="Lens distortion: none, k1, 'k1 k2', or auto: as far as the points show it.")
+        Distortion,
+        typer.Option(help="Which terms the lens may have: none, k1, 'k1 k2', or auto: all real lenses do."),
     ] = "auto",
-    distortion_sigma: Annotated[
+    sigma: Annotated[
         float | None,
-        typer.Option(min=0.0, help="Standard deviation of k1 about 0; else 0.05 where few points cannot show it."),
+        typer.Option(help="Standard deviation of a corner, px, as far as it is known; else as detected."),
     ] = None,
-    sigma: Annotated[float | None, typer.Option(help="Standard deviation of a corner, px; else as detected.")] = None,
     save: Annotated[Path | None, typer.Option(help="Write what was found as a rerun file, .rrd.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="The result as JSON.")] = False,
 ) -> None:
     """Focal and pose of a camera from one picture of a rectangle of known size, with what limits them.
 
     A photograph's own rotation (EXIF) is applied first: corners are pixels of the picture as one sees it.
+    What follows "+-" is one sigma of that number, or of each number of a list by itself: in two cases of three the
+    truth is within it. It holds what the lens, the sheet's flatness and the corners leave open.
 
     Examples: rig single desk.jpg --paper A4;
     rig single desk.jpg --tag apriltag_36h11:7 --width 0.16;
@@ -98,7 +101,7 @@ def single(
     if sigma is not None:
         if not sigma > 0:
             raise QuadrigError(f"--sigma {sigma}: give a standard deviation above zero, in pixels")
-        view = View(view.rectangle, view.points, view.pixels, alternatives=view.alternatives, sigma=sigma)
+        view = replace(view, sigma=sigma)
     calibration = calibrate_view(
         view,
         (picture.shape[1], picture.shape[0]),
@@ -106,7 +109,6 @@ def single(
         principal_point=None if principal_point is None else np.array(_point(principal_point, "--principal-point")),
         principal_point_sigma=principal_point_sigma,
         distortion=distortion,
-        distortion_sigma=distortion_sigma,
     )
     if save is not None:
         from quadrig.io.viewer.single import save_calibration

@@ -9,6 +9,7 @@ from quadrig.single.arrays import Floats
 from quadrig.single.calibration import Calibration
 from quadrig.single.rectangle import Rectangle
 from quadrig.single.rotation import angles_from_rotation
+from quadrig.single.solve.corners import Reason
 from quadrig.single.solve.cramer_rao import paper_sigmas
 from quadrig.single.solve.focal_advice import percent, view_tilt
 from quadrig.single.view import View
@@ -21,22 +22,14 @@ def text_report(
     lens, pose = calibration.intrinsics, calibration.rect_from_cameras[0]
     sigmas = paper_sigmas(calibration.covariance(), calibration.camera_from_rects[0])
     angles = np.degrees(np.array(angles_from_rotation(pose.rotation)))
-    low, high = calibration.focal_interval
-    focal = f"{lens.focal:.1f} px"
-    if calibration.focal_sigma > 0:
-        relative = percent(calibration.focal_sigma / lens.focal)
-        until = f"to {high:.0f} px" if np.isfinite(high) else "upwards without end"
-        focal += f" +- {calibration.focal_sigma:.1f} ({relative}); 95 %: {low:.0f} {until}"
-    else:
-        focal += " (given)"
     centre, centre_sigma = lens.principal_point, np.sqrt(np.diag(calibration.lens_covariance)[1:3])
-    k1, k2 = lens.distortion[:2]
+    (k1, k2), bend_sigma = lens.distortion[:2], np.sqrt(np.diag(calibration.lens_covariance)[3:5])
     rows = [
         ("picture", f"{name}, {lens.width} x {lens.height}"),
         ("rectangle", f"{rectangle.name}, {rectangle.width:g} x {rectangle.height:g} m, {len(view.pixels)} points"),
-        ("focal", focal),
+        ("focal", _focal_line(calibration)),
         ("principal point", f"{centre[0]:.1f}, {centre[1]:.1f} px +- {centre_sigma[0]:.1f}, {centre_sigma[1]:.1f}"),
-        ("distortion", f"k1 {k1:.4f}, k2 {k2:.4f}" if k1 or k2 else "none"),
+        ("distortion", f"k1 {k1:.3f}, k2 {k2:.3f} +- {_list(bend_sigma, 3)}" if k1 or k2 else "none"),
         ("camera at", f"{_list(pose.translation, 4)} m +- {_list(sigmas[:3], 4)}"),
         ("theta x y z", f"{_list(angles, 2)} degrees +- {_list(np.degrees(sigmas[3:6]), 2)}"),
         ("distance, tilt", f"{np.linalg.norm(pose.translation):.3f} m, {_tilt(calibration):.1f} degrees"),
@@ -46,6 +39,16 @@ def text_report(
     lines = [f"{label:<16}{value}" for label, value in rows]
     lines += [f"- {sentence}" for sentence in (*remarks, *calibration.notes)]
     return "\n".join(lines)
+
+
+def _focal_line(calibration: Calibration) -> str:
+    focal, sigma = calibration.intrinsics.focal, calibration.focal_sigma
+    if sigma == 0:
+        return f"{focal:.1f} px (given)"
+    low, high = calibration.focal_interval
+    if calibration.reason == Reason.FOCAL_UNKNOWABLE:
+        return f"cannot be told from this picture; taken as {focal:.0f} px, from what lenses usually have"
+    return f"{focal:.1f} px +- {sigma:.1f} ({percent(sigma / focal)}); 95 %: {low:.0f} to {high:.0f} px"
 
 
 def json_report(

@@ -7,6 +7,7 @@ import numpy as np
 from quadrig.rig.problem.build import USUAL_NOISE
 from quadrig.rig.problem.observations import Observations
 from quadrig.single.arrays import Floats, Mask
+from quadrig.single.posterior.noise import noise_of
 
 # A Gaussian corner strays past 5 sigma (in two dimensions) once in 270,000: losing it costs nothing, and what
 # strays further is a fault.
@@ -15,9 +16,6 @@ _FAR = 25.0
 _WHOLE_VIEW = 0.5
 # Less than any detector's noise (px): keeps a View that its own few unknowns explain wholly from infinite weight.
 LEAST_NOISE = 0.02
-EXPECTED_WEIGHT = 6.0
-"""Weight of the noise that is expected, in degrees of freedom: it matters where the data has few. A detector's claim,
-or a person's, is good to a factor of one and a half or so."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,14 +49,6 @@ def find_outliers(observations: Observations, squares: tuple[Floats, ...], noise
         rejected[group.view] = whole
         weights.append(np.where(far | whole[:, None], 0.0, group.weights))
     return Inliers(tuple(weights), rejected)
-
-
-def noise_of(chi_square: float, freedom: float, expected: float) -> float:
-    """Sigma (px) of a coordinate, from a sum of weighted squares (px^2) of so many degrees of freedom.
-
-    expected: px, what it was expected to be; counts as EXPECTED_WEIGHT degrees of freedom."""
-    total = chi_square + EXPECTED_WEIGHT * expected**2
-    return float(np.sqrt(total / (max(freedom, 0.0) + EXPECTED_WEIGHT)))
 
 
 def robust_noise(observations: Observations, squares: tuple[Floats, ...], unknowns: float = 0.0) -> float:

@@ -124,12 +124,11 @@ def _classes(problem: Problem, focal: Floats) -> LensClasses:
 
 def _priors(problem: Problem, classes: LensClasses) -> LensPriors:
     """The Gaussian of the classes as they are weighed, and with it what earlier Views said."""
-    mean, covariance = classes.moments()
-    scale = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
-    square = scale[:, :, None] * scale[:, None, :]
-    own = np.linalg.inv(covariance / square)
+    mean, own = classes.gaussian()
     pull, earlier = _earlier_evidence(problem)
+    scale = 1 / np.sqrt(np.diagonal(own, axis1=1, axis2=2))
     # With the earlier Views' pull h and information L the mean moves by (Q + L)^-1 (h - L m).
-    both = own + earlier * square
-    moved = np.linalg.solve(both, (scale * (pull - (earlier @ mean[..., None])[..., 0]))[..., None])[..., 0]
-    return LensPriors(mean + scale * moved, both / square, classes.kinds(), np.ones(len(mean)))
+    both = own + earlier
+    short = scale * (pull - (earlier @ mean[..., None])[..., 0])
+    moved = np.linalg.solve(both * scale[:, :, None] * scale[:, None, :], short[..., None])[..., 0]
+    return LensPriors(mean + scale * moved, both, classes.kinds(), np.ones(len(mean)))

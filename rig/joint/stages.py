@@ -13,7 +13,7 @@ from quadrig.rig.adjustment.levenberg_marquardt import (
     undamped,
 )
 from quadrig.rig.adjustment.normal_equations import Layout, State, layout, residual_squares
-from quadrig.rig.adjustment.outliers import EXPECTED_WEIGHT, Inliers, first_noise, noise_of
+from quadrig.rig.adjustment.outliers import Inliers, first_noise
 from quadrig.rig.adjustment.priors import (
     ENOUGH_POINTS,
     ROUGH,
@@ -38,6 +38,7 @@ from quadrig.rig.problem.observations import Observations
 from quadrig.rig.start.lenses_and_poses import FirstCameras
 from quadrig.rig.start.pose_graph import FirstRig
 from quadrig.single.arrays import Floats, Mask
+from quadrig.single.posterior.noise import EXPECTED_WEIGHT, noise_of
 
 # Rounds of a robust fit and the noise that it shows: two or three are usual.
 _NOISE_ROUNDS = 20

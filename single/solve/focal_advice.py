@@ -1,11 +1,12 @@
 """What limits a calibration from one View, in words, with figures: what a better View would give."""
 
+from typing import Protocol
+
 import numpy as np
 
 from quadrig.single.arrays import Floats
 from quadrig.single.pose import Pose
 from quadrig.single.rotation import rotation_from_vector
-from quadrig.single.solve.cramer_rao import cramer_rao
 
 # A focal known better than this needs no advice: other errors (the lens, the flatness of the sheet) are larger.
 _GOOD_FOCAL = 0.005
@@ -24,57 +25,50 @@ def view_tilt(camera_from_rect: Pose) -> Floats:
     return np.arccos(np.clip((camera_from_rect.rotation[..., 2] * sight).sum(axis=-1), -1, 1))
 
 
+class Expected(Protocol):
+    """The sigma of a focal over the focal as it would be with the rectangle at another pose, and where the principal
+    point is known, or what the lens distorts."""
+
+    def __call__(self, pose: Pose, *, centre_known: bool = False, distortion_known: bool = False) -> float: ...
+
+
 def focal_advice(
     points: Floats,
     focal: float,
     camera_from_rect: Pose,
-    principal_point: Floats,
-    sigma: float,
-    principal_point_sigma: float,
+    expected: Expected,
     relative_sigma: float,
+    principal_point_sigma: float,
     image_size: tuple[int, int],
 ) -> list[str]:
     """Sentences on what would make the focal better known, the most useful first; none where it is good.
 
     points (P, 3) metres and the pose and focal px found; relative_sigma: sigma of the focal over the focal;
-    image_size: width and height px, which bound how near the sheet can come.
+    principal_point_sigma: px, how well that is known; image_size: width and height px, which bound how near the sheet
+    can come.
     """
     if not np.isfinite(focal) or relative_sigma < _GOOD_FOCAL:
         return []
-
-    def expected(pose: Pose, centre_sigma: float = principal_point_sigma) -> float:
-        covariance = cramer_rao(points, focal, pose, principal_point, sigma, centre_sigma)
-        return float(np.sqrt(covariance[0, 0])) / focal
-
-    now, tilt = expected(camera_from_rect), float(view_tilt(camera_from_rect))
-    # What the bound does not know of (a lens that may be distorted) stays, whatever is done about the rest.
-    lens = max(relative_sigma**2 - now**2, 0.0) ** 0.5
-    known = f"the focal is known to {percent(relative_sigma)}"
+    tilt, known = float(view_tilt(camera_from_rect)), f"the focal is known to {percent(relative_sigma)}"
     options: list[tuple[float, str, str]] = []
-
-    def promise(better: float, words: str, then: str) -> None:
-        options.append((float(np.hypot(better, lens)), f"{words} {known}", then))
-
     if tilt < _TILTED_ENOUGH * _ADVISED_TILT:
+        better = expected(_tilted(camera_from_rect, _ADVISED_TILT))
         words = f"tilt the sheet more: at {np.degrees(tilt):.0f} degrees"
-        promise(
-            expected(_tilted(camera_from_rect, _ADVISED_TILT)), words, f"at {np.degrees(_ADVISED_TILT):.0f} degrees"
-        )
+        options.append((better, words, f"at {np.degrees(_ADVISED_TILT):.0f} degrees"))
     scale = min(_room(points, focal, camera_from_rect, image_size), _MOST_NEARER)
     if scale > _LEAST_NEARER:
         nearer = Pose(camera_from_rect.rotation, camera_from_rect.translation / scale)
         words = "bring the sheet nearer, so that it fills the picture:"
-        promise(expected(nearer), words, f"at 1/{scale:.1f} of the distance")
+        options.append((expected(nearer), words, f"at 1/{scale:.1f} of the distance"))
     if principal_point_sigma > 0:
         words = f"the principal point is only known to {principal_point_sigma:.0f} px:"
-        promise(expected(camera_from_rect, 0.0), words, "with the principal point given")
-    if lens > 0:
-        words = f"{len(points)} points cannot show all that the lens distorts: {known}"
-        options.append((now, words, "with a lens known to be free of distortion"))
+        options.append((expected(camera_from_rect, centre_known=True), words, "with the principal point given"))
+    words = f"{len(points)} points cannot show all that the lens distorts:"
+    options.append((expected(camera_from_rect, distortion_known=True), words, "with that known"))
     worth = sorted(option for option in options if option[0] < _WORTH_SAYING * relative_sigma)
     if not worth:
         return [f"{known}: take more points of the sheet, or several Views with one camera"]
-    return [f"{words}, {then} it would be {percent(promised)}" for promised, words, then in worth]
+    return [f"{words} {known}, {then} it would be {percent(promised)}" for promised, words, then in worth]
 
 
 def percent(share: float) -> str:

@@ -1,6 +1,7 @@
 """`rig single` as a person types it: pictures in, lines or JSON out, one sentence where it fails."""
 
 import json
+import re
 
 import cv2
 import numpy as np
@@ -78,7 +79,7 @@ def test_lines_for_people_name_what_limits_them(folder, capsys):
     text = answer(capsys, folder / "plain.png", "--paper", "A4", "--sigma", "0.5")
     assert "focal" in text
     assert "+-" in text
-    assert "the principal point is only known to 16 px: the focal is known to" in text
+    assert re.search(r"the principal point is only known to \d+ px: the focal is known to", text)
 
 
 def test_corners_in_the_wrong_turn_are_put_right_and_said(folder, capsys):

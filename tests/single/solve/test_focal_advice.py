@@ -8,6 +8,7 @@ import pytest
 from quadrig.single.pose import Pose
 from quadrig.single.rectangle import rectangle_corners
 from quadrig.single.rotation import rotation_from_angles
+from quadrig.single.solve.cramer_rao import cramer_rao
 from quadrig.single.solve.focal_advice import focal_advice, percent, view_tilt
 from quadrig.single.solve.maximum_likelihood import solve_rectangles
 
@@ -43,8 +44,14 @@ def known(pose, centre_sigma=0.0):
     return solved(pose, np.zeros(1), centre_sigma).focal_sigma[0] / FOCAL
 
 
-def advice(pose, relative_sigma, centre_sigma=0.0):
-    return focal_advice(CORNERS, FOCAL, pose, CENTRE, NOISE, centre_sigma, relative_sigma, SIZE)
+def advice(pose, relative_sigma, centre_sigma=0.0, lens=0.0):
+    """lens: what the lens's own doubt adds, a share of the focal."""
+
+    def expected(other, *, centre_known=False, distortion_known=False):
+        bound = cramer_rao(CORNERS, FOCAL, other, CENTRE, NOISE, 0.0 if centre_known else centre_sigma)
+        return float(np.hypot(np.sqrt(bound[0, 0]) / FOCAL, 0.0 if distortion_known else lens))
+
+    return focal_advice(CORNERS, FOCAL, pose, expected, relative_sigma, centre_sigma, SIZE)
 
 
 def figure(pattern, sentence):
@@ -83,10 +90,10 @@ def test_a_principal_point_that_is_not_known_is_named():
     assert promised(sentence) == pytest.approx(scatter(pose), rel=0.1)
 
 
-def test_what_the_lens_may_distort_stays_whatever_else_is_done():
+def test_what_the_lens_may_distort_is_named_and_counts_in_what_is_promised():
     pose = held(15, 0.45)
     # Three times what the corners' noise leaves: eight ninths of the variance are the lens's.
-    sentences = advice(pose, 3 * known(pose))
+    sentences = advice(pose, 3 * known(pose), lens=np.sqrt(8) * known(pose))
     assert sentences[0].startswith("4 points cannot show all that the lens distorts")
     assert promised(sentences[0]) == pytest.approx(scatter(pose), rel=0.1)
     assert not [s for s in sentences if s.startswith("tilt")]
