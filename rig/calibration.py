@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from quadrig.rig.joint.assemble import assemble_rig, camera_covariance
-from quadrig.rig.joint.clock_rounds import solve_with_clocks
+from quadrig.rig.joint.clock_rounds import Solved, solve_with_clocks
 from quadrig.rig.joint.stages import Contradicted
 from quadrig.rig.problem.build import Problem, absurd_sentence, absurd_views, build_problem
 from quadrig.rig.problem.camera_input import CameraInput
@@ -63,16 +63,15 @@ def _rigs(problem: Problem, order: Sequence[str], reference: str | None) -> list
             continue
         placed = [name for name in order if name in {camera.name for camera in part.cameras}]
         frame = reference if reference is not None and _has_frame(part, reference) else placed[0]
-        try:
-            solved = solve_with_clocks(part, frame)
-        except np.linalg.LinAlgError:
-            continue
-        if isinstance(solved, Contradicted) or solved.joint.adjustment.state.slack is not None:
-            together = groups_in_step(part, first_cameras(part).candidates)
+        solved = _solved(part, frame)
+        if not isinstance(solved, Solved) or solved.joint.adjustment.state.slack is not None:
+            together = _groups_in_step(part)
             if len(together) > 1:
                 for own in together:
                     rigs += _rigs(_of_cameras(part, own), order, reference)
                 continue
+        if solved is None:
+            continue
         if isinstance(solved, Contradicted):
             # What contradicts the others is solved without them, and they without it.
             numbers = range(len(part.cameras))
@@ -83,6 +82,24 @@ def _rigs(problem: Problem, order: Sequence[str], reference: str | None) -> list
         covariance = camera_covariance(solved.joint, solved.joint.covariance)
         rigs.append(assemble_rig(solved.problem, solved.joint, solved.first, covariance, frame, placed))
     return rigs
+
+
+def _solved(problem: Problem, frame: str) -> Solved | Contradicted | None:
+    """The rig in that frame; None where the Views do not determine one."""
+    try:
+        # A fit that runs away overflows before it is given up.
+        with np.errstate(over="ignore", invalid="ignore"):
+            return solve_with_clocks(problem, frame)
+    except np.linalg.LinAlgError:
+        return None
+
+
+def _groups_in_step(problem: Problem) -> list[list[int]]:
+    """Cameras (indices) that saw rectangles at the same instants; each by itself where nothing can be said."""
+    try:
+        return groups_in_step(problem, first_cameras(problem).candidates)
+    except np.linalg.LinAlgError:
+        return [[index] for index in range(len(problem.cameras))]
 
 
 def _has_frame(problem: Problem, reference: str) -> bool:

@@ -77,6 +77,8 @@ def calibrate(
 
     Corners clicked with `rig pick`, in corners.toml beside rig.toml: rig calibrate left.jpg middle.jpg right.jpg
 
+    Boards shown to each camera, and a scene that all see: rig calibrate boards/ scene.mcap
+
     Lenses from the laboratory, poses on site: rig calibrate site.mcap --lenses laboratory.rig.mcap
 
     One camera was moved: rig calibrate new.mcap --only cam2 --from rig.mcap -o rig2.mcap
@@ -135,7 +137,7 @@ def _solve(searched: Searched, only: list[str], earlier: Rig | None) -> Rig:
         return calibrate_searched(searched)
     from quadrig.rig.recalibration import recalibrate
 
-    rig = recalibrate(earlier, only, searched.cameras, searched.config.rectangles, searched.views)
+    rig = recalibrate(earlier, only, searched.cameras, searched.rectangles, searched.views)
     # A camera of the earlier rig that this recording does not hold stays as it was: nothing is missing.
     held = {camera.name for camera in earlier.cameras}
     return replace(rig, missing={name: why for name, why in rig.missing.items() if name not in held})

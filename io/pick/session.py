@@ -140,7 +140,7 @@ class PickSession:
         views = [corner_view(one, self.recording, self.framesets) for one in whole]
         asked = [(one.key, one.sigma, one.pixels.tolist()) for one in whole]
         if self.last is None or self.last[0] != asked:
-            inputs = camera_inputs(self.recording, self.config)
+            inputs = camera_inputs([self.recording], self.config)
             self.last = asked, place(inputs, self.config.rectangles, views, self.config.reference)
         return self.last[1]
 

@@ -33,6 +33,9 @@ def views_of(held: RigFile, paths: Sequence[Path], most: int) -> tuple[tuple[Rec
         config = parse_config(held.config_text, "the rig.toml in the rig file")
         rectangles = {one.name: one for one in config.rectangles} | rectangles
         names = {camera.topic: camera.name for camera in config.cameras if camera.topic is not None}
+    # What stood still in several recordings has a name for each: it looks the same, and one name is enough.
+    looks = {one.marking.marks or (name,): name for name, one in reversed(rectangles.items())}
+    rectangles = {name: one for name, one in rectangles.items() if name in looks.values()}
     if not rectangles:
         raise QuadrigError("the rig's file holds no rectangles to look for; give their rig.toml with --config")
     recording = open_recording(paths)

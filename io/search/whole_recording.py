@@ -4,63 +4,52 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from quadrig.io.config.rig_toml import RigConfig
+from quadrig.io.config.rig_toml import CameraConfig, RigConfig
 from quadrig.io.formats.any_file import KnownLens
 from quadrig.io.recording.camera import RecordedCamera
-from quadrig.io.recording.framesets import Framesets, build_framesets
+from quadrig.io.recording.framesets import build_framesets
 from quadrig.io.recording.recorded_cameras import Recording, open_recording
 from quadrig.io.search.choose_frames import choose_frames
 from quadrig.io.search.corner_views import corner_views, without_corners
-from quadrig.io.search.detections import Detections, find_detections
+from quadrig.io.search.detections import find_detections
 from quadrig.io.search.effort import EVERY_IMAGE, Effort
 from quadrig.io.search.known_lenses import with_known_lenses
 from quadrig.io.search.plain_sights import plain_sights
+from quadrig.io.search.separate import separate_recordings
+from quadrig.io.search.several_recordings import RecordedViews, joined
 from quadrig.rig.calibration import calibrate
 from quadrig.rig.problem.camera_input import CameraInput
 from quadrig.rig.result import Rig
 from quadrig.single.errors import QuadrigError
+from quadrig.single.rectangle import Rectangle
 from quadrig.single.view import View
 
 
 @dataclass(frozen=True, eq=False)
 class Searched:
-    """What a recording showed of the rectangles of a rig.toml, ready to be calibrated. sights: what cameras that saw
-    none of them show instead, in sentences."""
+    """What recordings showed of the rectangles of a rig.toml, ready to be calibrated.
+
+    rectangles: those of the rig.toml, and one more for each further recording in which one that stands still was
+    seen. times: ns, of each frameset by index. notes: what was skipped, or found before, in sentences. sights: what
+    cameras that saw no rectangle show instead, in sentences.
+    """
 
     config: RigConfig
-    recording: Recording
-    framesets: Framesets
-    detections: Detections
     cameras: tuple[CameraInput, ...]
+    rectangles: tuple[Rectangle, ...]
+    views: list[View]
+    times: list[int]
+    notes: list[str]
     sights: Mapping[str, str] = field(default_factory=dict)
-    remarks: tuple[str, ...] = ()
 
-    @property
-    def views(self) -> list[View]:
-        """The Views of all cameras."""
-        return self.detections.views
 
-    @property
-    def times(self) -> list[int]:
-        """Time of each frameset, ns."""
-        return self.framesets.times.tolist()
+@dataclass(frozen=True, eq=False)
+class _OneRecording:
+    """What one of several recordings showed."""
 
-    @property
-    def notes(self) -> list[str]:
-        """What was skipped, or found before, in sentences."""
-        reused = self.detections.reused
-        return [
-            *self.recording.notes,
-            *self.detections.remarks,
-            *self.remarks,
-            *without_corners(self.config),
-            *(
-                _left_out(self.recording.camera(name), why, images)
-                for name, reasons in self.detections.left_out.items()
-                for why, images in reasons.items()
-            ),
-            *([f"{reused} images were searched before; what was kept of them is used"] if reused else []),
-        ]
+    shown: RecordedViews
+    notes: list[str]
+    sights: Mapping[str, str]
 
 
 def _left_out(camera: RecordedCamera, why: str, images: Sequence[int]) -> str:
@@ -80,7 +69,8 @@ def calibrate_recording(
 ) -> Rig:
     """The rig of the cameras of a recording, from the description of the room in a rig.toml.
 
-    paths: MCAP files, videos or folders of images that were recorded together. Cameras that share nothing with the
+    paths: MCAP files, videos or folders of images. Those of different cameras were recorded together; one that brings
+    a camera again is another recording, of the same rig at another time. Cameras that share nothing with the
     largest rig are not placed, and named in Rig.missing; their lenses are in Rig.apart. lenses: known before, by
     camera (read_any_lenses): with their doubt they count as the Views they come from; keep_lenses: as they are.
     Raises QuadrigError where the recording cannot be searched, nothing is found, or a lens is not of its cameras.
@@ -101,27 +91,61 @@ def search_recording(
     Raises QuadrigError where there are no images, a camera of the rig.toml is missing, nothing can be read, or
     corners given by hand or lenses do not belong to this recording.
     """
-    recording = open_described(paths, config, effort.rate)
+    groups = separate_recordings(paths, effort.rate)
+    recordings = [open_described(group, config, effort.rate, several=len(groups) > 1) for group in groups]
     # Before the search, which takes long: what is wrong with the lenses is known at once.
-    cameras, remarks = with_known_lenses(camera_inputs(recording, config), lenses or {}, keep_lenses)
+    cameras, remarks = with_known_lenses(camera_inputs(recordings, config), lenses or {}, keep_lenses)
+    parts = [
+        _search_one(recording, config, replace(effort, cache=_own_cache(effort.cache, number)))
+        for number, recording in enumerate(recordings)
+    ]
+    rectangles, shown = config.rectangles, parts[0].shown
+    if len(parts) > 1:
+        rectangles, shown = joined([part.shown for part in parts], cameras, rectangles)
+    notes = [*dict.fromkeys(note for part in parts for note in part.notes), *remarks, *without_corners(config)]
+    sights = {name: sight for part in parts for name, sight in part.sights.items()}
+    seeing = {view.camera for view in shown.views}
+    unseen = {name: sight for name, sight in sights.items() if name not in seeing}
+    return Searched(config, tuple(cameras), rectangles, list(shown.views), list(shown.times), notes, unseen)
+
+
+def _search_one(recording: Recording, config: RigConfig, effort: Effort) -> _OneRecording:
     every = build_framesets(recording, effort.tolerance)
     pointed = corner_views(config.corners, recording, every)
     framesets = choose_frames(recording, every, effort)
     sought = [rectangle for rectangle in config.rectangles if not rectangle.marking.by_hand]
-    detections = find_detections(recording, framesets, sought, effort)
-    detections = replace(detections, views=[*detections.views, *pointed])
-    sights = plain_sights(recording, framesets, detections.views, sought, effort)
-    return Searched(config, recording, framesets, detections, tuple(cameras), sights, tuple(remarks))
+    found = find_detections(recording, framesets, sought, effort)
+    views = [*found.views, *pointed]
+    sights = plain_sights(recording, framesets, views, sought, effort)
+    left_out = [
+        _left_out(recording.camera(name), why, images)
+        for name, reasons in found.left_out.items()
+        for why, images in reasons.items()
+    ]
+    kept = [f"{found.reused} images were searched before; what was kept of them is used"] if found.reused else []
+    shown = RecordedViews(recording.paths[0].stem, views, framesets.times.tolist())
+    return _OneRecording(shown, [*recording.notes, *found.remarks, *left_out, *kept], sights)
+
+
+def _own_cache(cache: Path | None, number: int) -> Path | None:
+    """A file of each recording's own: rig.detections.mcap, rig-2.detections.mcap, ..."""
+    if cache is None or number == 0:
+        return cache
+    head, dot, rest = cache.name.partition(".")
+    return cache.with_name(f"{head}-{number + 1}{dot}{rest}")
 
 
 def open_described(
-    paths: Sequence[Path | str] | Path | str, config: RigConfig, rate: float | None = None
+    paths: Sequence[Path | str] | Path | str, config: RigConfig, rate: float | None = None, *, several: bool = False
 ) -> Recording:
     """The recording with the cameras of rig.toml.
 
     Where a [[camera]] names its topic, the tables choose: the others are left out, which is said. Else the tables
-    only add what is known of a camera, and every camera of the recording is used.
+    only add what is known of a camera, and every camera of the recording is used. several: it is one of several, and
+    need not have all of them.
     """
+    if several:
+        config = replace(config, cameras=_cameras_of(config, open_recording(paths, rate=rate)))
     wanted = {camera.name: camera.topic for camera in config.cameras}
     if all(topic is None for topic in wanted.values()):
         recording = open_recording(paths, rate=rate)
@@ -137,23 +161,41 @@ def open_described(
     return open_recording(paths, wanted, rate)
 
 
+def _cameras_of(config: RigConfig, recording: Recording) -> tuple[CameraConfig, ...]:
+    """The [[camera]] tables that are of a recording."""
+    there = {name for one in recording.cameras for name in (one.name, one.topic, Path(one.topic).name)}
+    return tuple(camera for camera in config.cameras if (camera.topic or camera.name) in there)
+
+
 def calibrate_searched(searched: Searched) -> Rig:
     """The rig that the Views of a recording show. Raises QuadrigError as calibrate does."""
     config, sights = searched.config, searched.sights
     try:
-        rig = calibrate(searched.cameras, config.rectangles, searched.views, config.reference)
+        rig = calibrate(searched.cameras, searched.rectangles, searched.views, config.reference)
     except QuadrigError as error:
         raise QuadrigError("; ".join([str(error), *dict.fromkeys(sights.values())])) from error
     return replace(rig, missing={name: sights.get(name, why) for name, why in rig.missing.items()})
 
 
-def camera_inputs(recording: Recording, config: RigConfig) -> list[CameraInput]:
-    """What is known of each camera: from rig.toml first, else the lens that the recording brings as a first guess."""
-    inputs = []
-    for camera in recording.cameras:
-        known = config.camera_input(camera.name, camera.width, camera.height)
-        inputs.append(known if known.intrinsics is not None else replace(known, intrinsics=camera.prior))
-    return inputs
+def camera_inputs(recordings: Sequence[Recording], config: RigConfig) -> list[CameraInput]:
+    """What is known of each camera: from rig.toml first, else the lens that a recording brings as a first guess.
+
+    Raises QuadrigError where a camera's pictures have another size in another recording.
+    """
+    inputs: dict[str, CameraInput] = {}
+    for recording in recordings:
+        for camera in recording.cameras:
+            known = config.camera_input(camera.name, camera.width, camera.height)
+            known = known if known.intrinsics is not None else replace(known, intrinsics=camera.prior)
+            before = inputs.setdefault(camera.name, known)
+            if (before.width, before.height) != (camera.width, camera.height):
+                raise QuadrigError(
+                    f"{recording.paths[0]}: camera {camera.name!r} has pictures of {camera.width}x{camera.height}, "
+                    f"in another recording of {before.width}x{before.height}; calibrate each size by itself"
+                )
+            if before.intrinsics is None:
+                inputs[camera.name] = known
+    return list(inputs.values())
 
 
 def refuse_missing(rig: Rig) -> None:

@@ -5,19 +5,23 @@ do not, what one camera saw of a rectangle fits what another saw at that instant
 other.
 """
 
+from collections.abc import Sequence
 from itertools import combinations
 
 import numpy as np
 
-from quadrig.rig.problem.build import Problem
-from quadrig.rig.problem.connectivity import connected_groups
-from quadrig.rig.start.lenses_and_poses import Candidates
+from quadrig.rig.problem.build import Problem, build_problem
+from quadrig.rig.problem.camera_input import CameraInput
+from quadrig.rig.problem.connectivity import components, connected_groups
+from quadrig.rig.start.lenses_and_poses import Candidates, first_cameras
 from quadrig.rig.start.pose_graph import disagreement, sigmas
 from quadrig.single.arrays import Floats, Ints
 from quadrig.single.pose import Pose
+from quadrig.single.rectangle import Rectangle
+from quadrig.single.view import View
 
 # Fewer instants than this fit one another by chance, rightly or wrongly.
-_FEWEST = 6
+_FEWEST = 3
 # Relative poses that differ by less than this many of their sigmas agree, whatever chance would have said.
 _AGREES = 4.0
 # Clocks that are off, and a sheet that bends, leave relative poses nearer to one another than this share of what
@@ -33,14 +37,40 @@ def groups_in_step(problem: Problem, candidates: Candidates) -> list[list[int]]:
     best = np.unique(candidates.view, return_index=True)[1]
     moving = np.array([node.frameset >= 0 for node in problem.nodes], bool)
     seen = [_first_views(problem, camera) for camera in range(len(problem.cameras))]
-    joined = []
+    joined: list[tuple[int, int]] = []
+    unproven: list[tuple[int, int]] = []
+    refuted = False
     for left, right in combinations(range(len(problem.cameras)), 2):
         nodes = np.array(sorted(seen[left].keys() & seen[right].keys()), int)
         own = nodes[moving[nodes]]
-        if len(nodes) > len(own) or (len(own) and _alike(candidates, best, own, seen[left], seen[right])):
+        if len(nodes) > len(own):
             joined.append((left, right))
+        elif 0 < len(own) < _FEWEST:
+            unproven.append((left, right))
+        elif len(own) and _alike(candidates, best, own, seen[left], seen[right]):
+            joined.append((left, right))
+        else:
+            refuted |= len(own) > 0
+    # Where stamps are known to mislead, an instant or two that cameras seem to share are no evidence.
+    joined += [] if refuted else unproven
     item = np.array(joined, int).reshape(-1)
     return connected_groups(len(problem.cameras), item, np.repeat(np.arange(len(joined)), 2))
+
+
+def cameras_in_step(
+    cameras: Sequence[CameraInput], rectangles: Sequence[Rectangle], views: Sequence[View]
+) -> list[set[str]]:
+    """The names of the cameras that saw anything, grouped by `groups_in_step` where it finds that two of them share
+    moving rectangles out of all step; all in one group where not."""
+    seeing = {view.camera for view in views}
+    problem = build_problem([camera for camera in cameras if camera.name in seeing], rectangles, views)
+    names = [camera.name for camera in problem.cameras]
+    sharing = components(problem)
+    try:
+        found = groups_in_step(problem, first_cameras(problem).candidates) if len(sharing) < len(names) else sharing
+    except np.linalg.LinAlgError:
+        found = sharing
+    return [set(names)] if len(found) <= len(sharing) else [{names[i] for i in group} for group in found]
 
 
 def _first_views(problem: Problem, camera: int) -> dict[int, int]:
@@ -51,8 +81,6 @@ def _first_views(problem: Problem, camera: int) -> dict[int, int]:
 
 def _alike(candidates: Candidates, best: Ints, nodes: Ints, left: dict[int, int], right: dict[int, int]) -> bool:
     """Whether two cameras agree on the nodes more than they would on other instants of the same rectangles."""
-    if len(nodes) < _FEWEST:
-        return True
     rows, others = (best[np.array([views[n] for n in nodes.tolist()])] for views in (left, right))
     seen = _spread(candidates, rows, others)
     by_chance = min(_spread(candidates, rows, np.roll(others, round(share * len(nodes)))) for share in _SHIFTS)
