@@ -4,13 +4,15 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from quadrig.single.arrays import Picture
 from quadrig.single.detect.chessboard import find_chessboard
-from quadrig.single.detect.dictionaries import dictionary_names, dictionary_size
+from quadrig.single.detect.dictionaries import dictionary_names, dictionary_size, tag_dictionary
 from quadrig.single.detect.image_search import detect_views, find_mirrored
 from quadrig.single.detect.pictures import reduced
 from quadrig.single.detect.saddle_grid import largest_grid
-from quadrig.single.detect.tag import find_tags
+from quadrig.single.detect.tag import find_tags, refine_tags
 from quadrig.single.detect.tag_families import families
 from quadrig.single.rectangle import Marking, Rectangle, TagFamily
 
@@ -31,7 +33,7 @@ _DICTIONARIES = (
     "aruco_original",
     "aruco_mip_36h12",
 )
-# Bits of a tag from which on clutter is not read as one; tags of fewer must be seen three times.
+# Bits of a tag from which on clutter is not read as one; those of fewer need clean outlines, and to be seen thrice.
 _SURE_BITS, _TIMES = 36, 3
 # Points of a board that another reading of its tags does not have by chance.
 _SURE_POINTS = 6
@@ -110,9 +112,7 @@ def _foreign_tags(pictures: Sequence[Picture], rectangles: Sequence[Rectangle]) 
         small = reduced(grey, min(1.0, _LARGEST / max(grey.shape)))
         for family in looked_for:
             picture = 255 - small if family.inverted else small
-            seen.update(
-                (family, tag) for tag in find_tags(picture, family.dictionary, quick=True, border=family.border)
-            )
+            seen.update((family, tag) for tag in _sure_tags(picture, family))
     known = {(family, tag) for family, members in own.items() for one in members for tag in _ids(one)}
     count: Counter[TagFamily] = Counter()
     for (family, tag), times in seen.items():
@@ -125,6 +125,16 @@ def _foreign_tags(pictures: Sequence[Picture], rectangles: Sequence[Rectangle]) 
                 family=family._replace(dictionary=_smallest(family.dictionary, max(ids))), ids=tuple(ids)
             )
     return None
+
+
+def _sure_tags(picture: Picture, family: TagFamily) -> list[int]:
+    """Ids of the tags of a family in a picture."""
+    found = find_tags(picture, family.dictionary, quick=True, border=family.border)
+    if _bits(family.dictionary) >= _SURE_BITS or not found:
+        return list(found)
+    quads = np.stack([places[0] for places in found.values()])
+    clean = refine_tags(picture, quads, tag_dictionary(family.dictionary).markerSize + 2).sure
+    return [tag for tag, good in zip(found, clean.tolist(), strict=True) if good]
 
 
 def _ids(rectangle: Rectangle) -> Iterable[int]:
