@@ -24,6 +24,8 @@ from worlds import WORLDS, draw, given_lens
 
 from quadrig.rig.calibration import calibrate
 from quadrig.rig.doubt.verdict import verdict
+from quadrig.rig.problem.build import build_problem
+from quadrig.rig.problem.connectivity import components
 from quadrig.rig.result import Rig
 from quadrig.single.errors import QuadrigError
 from quadrig.single.view import View
@@ -40,6 +42,7 @@ ACCUSING = (
     "no pictures of",
     "another size",
     "outside of its picture",
+    "in no picture",
 )
 
 
@@ -125,17 +128,21 @@ def _random(rng: np.random.Generator, view: View) -> View:
 
 
 def other_room(rng: np.random.Generator, made: Simulated) -> Planted:
-    """A camera's Views from the scene of another rig, under the names of this one."""
+    """A camera's Views from another room: what it saw of each rectangle, or at each instant, under another's name."""
     name = made.inputs[int(rng.integers(len(made.inputs)))].name
-    own = [v for v in made.views if v.camera == name]
-    for seed in rng.integers(1 << 30, size=200):
-        other = [v for v in draw(planted_world[0], int(seed)).views if v.camera == name]
-        table = {(v.rectangle, v.frameset): v for v in other}
-        found = [table[v.rectangle, v.frameset] for v in own if (v.rectangle, v.frameset) in table]
-        if len(found) >= max(2, len(own) // 2):
-            views = [v for v in made.views if v.camera != name] + found
-            return Planted(replace(made, views=tuple(views)), name, ("contradict",), name)
-    return Planted(made, None)
+    views = [v for v in made.views if v.camera != name]
+    for moving in (False, True):
+        still = {r.name for r in made.rectangles if r.moving == moving}
+        own = [v for v in made.views if v.camera == name and v.rectangle in still]
+        keys = list(dict.fromkeys((v.rectangle, v.frameset if moving else 0) for v in own))
+        other = (
+            dict(zip(keys, np.roll(np.array(keys, object), 1, axis=0).tolist(), strict=True)) if len(keys) > 1 else {}
+        )
+        for v in own:
+            rectangle, frameset = other.get((v.rectangle, v.frameset if moving else 0), (v.rectangle, v.frameset))
+            views.append(replace(v, rectangle=rectangle, frameset=frameset if moving else v.frameset))
+    seen = sum(v.camera == name for v in views)
+    return Planted(replace(made, views=tuple(views)), name if seen > 1 else None, ("contradict",), name)
 
 
 def half_pictures(rng: np.random.Generator, made: Simulated) -> Planted:
@@ -175,7 +182,9 @@ def absurd(size: float) -> Callable[[np.random.Generator, Simulated], Planted]:
         index = int(rng.choice([n for n, v in enumerate(made.views) if seen[v.camera] > 2]))
         views = list(made.views)
         views[index] = replace(views[index], pixels=size * (1 + rng.uniform(size=views[index].pixels.shape)))
-        return Planted(replace(made, views=tuple(views)), views[index].camera, ("outside of its picture",))
+        return Planted(
+            replace(made, views=tuple(views)), views[index].camera, ("outside of its picture", "in no picture")
+        )
 
     return planted
 
@@ -201,7 +210,6 @@ FAULTS: dict[str, Callable[[np.random.Generator, Simulated], Planted]] = {
     "a View 1e6 px": absurd(1e6),
     "a View 1e200 px": absurd(1e200),
 }
-planted_world = [""]
 
 
 def sentences(rig: Rig) -> list[str]:
@@ -211,7 +219,6 @@ def sentences(rig: Rig) -> list[str]:
 
 def one(world: str, seed: int, fault: str) -> dict[str, list[float]]:
     """Figures of one rig."""
-    planted_world[0] = world
     planted = FAULTS[fault](np.random.default_rng([seed, 99]), draw(world, seed))
     made, found = planted.made, defaultdict(list)
     try:
@@ -233,7 +240,7 @@ def one(world: str, seed: int, fault: str) -> dict[str, list[float]]:
 
 def poses_inside(made: Simulated, rig: Rig, spoilt: str | None) -> tuple[list[float], bool]:
     """Whether each pose of the others is inside its region, and whether all are placed and none is far off."""
-    names = [c.name for c in made.inputs if c.name != spoilt]
+    names = joined_without(made, spoilt)
     placed = [n for n in names if n in {c.name for c in rig.cameras}]
     inside, far = [], False
     for name in placed:
@@ -247,6 +254,13 @@ def poses_inside(made: Simulated, rig: Rig, spoilt: str | None) -> tuple[list[fl
             inside.append(at < 0.95)
             far |= at > _FIVE_SIGMAS
     return inside, len(placed) == len(names) and not far
+
+
+def joined_without(made: Simulated, spoilt: str | None) -> list[str]:
+    """The most cameras that shared rectangles still join without one of them."""
+    views = [view for view in made.views if view.camera != spoilt]
+    problem = build_problem(made.inputs, made.rectangles, views)
+    return [problem.cameras[i].name for i in components(problem)[0]]
 
 
 def main() -> None:

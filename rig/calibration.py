@@ -5,12 +5,15 @@ from dataclasses import replace
 
 import numpy as np
 
+from quadrig.rig.culprits.cameras import Solve, contradicting_camera, of_cameras, why_it_contradicts
+from quadrig.rig.culprits.lenses import freed, lens_sentences, wrong_lenses
+from quadrig.rig.culprits.pictures import no_pictures, set_aside, size_sentences
 from quadrig.rig.joint.assemble import assemble_rig, camera_covariance
 from quadrig.rig.joint.clock_rounds import Solved, solve_with_clocks
 from quadrig.rig.joint.stages import Contradicted
 from quadrig.rig.problem.build import Problem, absurd_sentence, absurd_views, build_problem
 from quadrig.rig.problem.camera_input import CameraInput
-from quadrig.rig.problem.connectivity import components, missing_cameras, refuse
+from quadrig.rig.problem.connectivity import components, contradiction, missing_cameras, refuse
 from quadrig.rig.result import Rig
 from quadrig.rig.start.in_step import groups_in_step
 from quadrig.rig.start.lenses_and_poses import first_cameras
@@ -34,41 +37,72 @@ def calibrate(
     the Views determine no camera.
     """
     whole = build_problem(cameras, rectangles, views)
+    sound = set_aside(whole.cameras, whole.views)
+    if sound.said or sound.lost:
+        whole = build_problem(sound.cameras, rectangles, sound.views)
+    unusable = sound.lost | (no_pictures(whole) if whole.views else {})
+    if unusable:
+        left = [view for view in whole.views if view.camera not in unusable]
+        whole = build_problem(whole.cameras, rectangles, left)
     if not whole.views:
-        raise refuse(whole)
+        raise QuadrigError("; ".join(unusable.values())) if unusable else refuse(whole)
     named = _reference(whole, cameras, reference)
     order = [camera.name for camera in cameras]
-    rigs = _rigs(whole, order, named)
+
+    def solve(problem: Problem) -> list[Rig]:
+        return sorted(_rigs(problem, order, named), key=lambda rig: _rank(rig, order, named))
+
+    rigs, agreeing, lost = _in_agreement(whole, solve)
     if not rigs:
         raise QuadrigError(
             f"the {len(whole.views)} Views of {len(whole.cameras)} cameras do not determine a rig; "
             "show more rectangles, tilted, to more cameras at once"
         )
-    first, *apart = sorted(rigs, key=lambda rig: _rank(rig, order, named))
+    first, *apart = rigs
     if named in whole.rectangles and first.reference != named:
         raise QuadrigError(
             f"reference {named!r} was seen by no camera of the rig; show it, or take another reference"
         )
-    placed = [index for index, camera in enumerate(whole.cameras) if camera.name in {c.name for c in first.cameras}]
-    weak = (*first.weak, *map(absurd_sentence, absurd_views(views)))
-    return replace(first, missing=missing_cameras(whole, placed), apart=tuple(apart), weak=weak)
+    names = {camera.name for camera in first.cameras}
+    placed = [index for index, camera in enumerate(agreeing.cameras) if camera.name in names]
+    missing = missing_cameras(agreeing, placed) | lost | unusable
+    said = (*map(absurd_sentence, absurd_views(views)), *sound.said)
+    return replace(first, missing=missing, apart=tuple(apart), weak=(*said, *first.weak))
+
+
+def _in_agreement(whole: Problem, solve: Solve) -> tuple[list[Rig], Problem, dict[str, str]]:
+    """The rigs, the largest first, cameras that the others contradict each by itself; the problem without these, and
+    a sentence of each of them."""
+    rigs, agreeing, out = solve(whole), whole, []
+    while rigs and (name := contradicting_camera(agreeing, rigs[0], solve)):
+        out.append(name)
+        agreeing = of_cameras(agreeing, [i for i, one in enumerate(agreeing.cameras) if one.name != name])
+        rigs = solve(agreeing)
+    lost = {}
+    for name in out:
+        alone = solve(of_cameras(whole, [i for i, one in enumerate(whole.cameras) if one.name == name]))
+        suspects = [i for i, one in enumerate(whole.cameras) if one.name == name or one.name not in out]
+        why = why_it_contradicts(of_cameras(whole, suspects), name, alone[0] if alone else None, solve)
+        lost[name] = why or contradiction(name)
+        rigs += alone
+    return rigs, agreeing, lost
 
 
 def _rigs(problem: Problem, order: Sequence[str], reference: str | None) -> list[Rig]:
     """A rig for each group of cameras that share rectangles and agree; none for one whose Views determine nothing."""
     rigs: list[Rig] = []
     for group in components(problem):
-        part = _of_cameras(problem, group)
+        part = of_cameras(problem, group)
         if not part.views:
             continue
         placed = [name for name in order if name in {camera.name for camera in part.cameras}]
         frame = reference if reference is not None and _has_frame(part, reference) else placed[0]
-        solved = _solved(part, frame)
+        solved = _solved(_as_seen(part, frame), frame)
         if not isinstance(solved, Solved) or solved.joint.adjustment.state.slack is not None:
             together = _groups_in_step(part)
             if len(together) > 1:
                 for own in together:
-                    rigs += _rigs(_of_cameras(part, own), order, reference)
+                    rigs += _rigs(of_cameras(part, own), order, reference)
                 continue
         if solved is None:
             continue
@@ -77,10 +111,12 @@ def _rigs(problem: Problem, order: Sequence[str], reference: str | None) -> list
             numbers = range(len(part.cameras))
             for loose in (False, True):
                 own = [i for i in numbers if (part.cameras[i].name in solved.names) is loose]
-                rigs += _rigs(_of_cameras(part, own), order, reference)
+                rigs += _rigs(of_cameras(part, own), order, reference)
             continue
         covariance = camera_covariance(solved.joint, solved.joint.covariance)
-        rigs.append(assemble_rig(solved.problem, solved.joint, solved.first, covariance, frame, placed))
+        rig = assemble_rig(solved.problem, solved.joint, solved.first, covariance, frame, placed)
+        accused = (*lens_sentences(part.cameras, wrong_lenses(solved), rig), *size_sentences(rig))
+        rigs.append(replace(rig, weak=(*accused, *rig.weak)))
     return rigs
 
 
@@ -102,6 +138,16 @@ def _groups_in_step(problem: Problem) -> list[list[int]]:
         return [[index] for index in range(len(problem.cameras))]
 
 
+def _as_seen(part: Problem, frame: str) -> Problem:
+    """The problem with the lenses that are fixed, but ruled out by the Views, left to be estimated."""
+    if not any(camera.fixed for camera in part.cameras):
+        return part
+    trial = _solved(freed(part), frame)
+    wrong = wrong_lenses(trial) if isinstance(trial, Solved) else set()
+    cameras = tuple(replace(camera, fixed=camera.fixed and camera.name not in wrong) for camera in part.cameras)
+    return replace(part, cameras=cameras)
+
+
 def _has_frame(problem: Problem, reference: str) -> bool:
     """Whether a camera or a rectangle of that name can be the frame of this problem's rig."""
     if reference in {camera.name for camera in problem.cameras}:
@@ -113,17 +159,6 @@ def _rank(rig: Rig, order: Sequence[str], reference: str | None) -> tuple[int, b
     """The largest rig comes first; of equals the one with the reference, then the one with the first camera."""
     names = [camera.name for camera in rig.cameras]
     return -len(names), rig.reference != reference, min(order.index(name) for name in names)
-
-
-def _of_cameras(problem: Problem, kept: list[int]) -> Problem:
-    if len(kept) == len(problem.cameras):
-        return problem
-    names = {problem.cameras[i].name for i in kept}
-    return build_problem(
-        [problem.cameras[i] for i in kept],
-        list(problem.rectangles.values()),
-        [view for view in problem.views if view.camera in names],
-    )
 
 
 def _reference(problem: Problem, cameras: Sequence[CameraInput], reference: str | None) -> str | None:

@@ -16,7 +16,7 @@ from quadrig.single.lens_table import ASPECT, CENTRE, FISHEYE, FISHEYE_FOCAL, FO
 
 CLASS_NAMES = ("barrel", "nearly straight", "pincushion", "uncommon", "fisheye", "as given")
 """What `LensClasses.kind` counts: the radial classes of lens_table.RADIAL, fisheyes, and lenses that were given."""
-_FISHEYE_KIND, _GIVEN_KIND = 4, 5
+_FISHEYE_KIND, GIVEN_KIND = 4, 5
 
 # A lens that is given without sigmas is as good as calibrations that are handed on (another focus, another crop), and
 # as likely to be right as to be another camera's, until the Views speak.
@@ -240,7 +240,7 @@ def _template(model: LensModel, own_focals: bool, cropped: bool) -> tuple[Floats
         for aspect in ASPECT
     ]
     count = len(RADIAL) * len(centres) * len(TANGENTIAL) * len(ASPECT) + 1
-    weight, kind = np.zeros(count), np.full(count, _GIVEN_KIND)
+    weight, kind = np.zeros(count), np.full(count, GIVEN_KIND)
     mean, covariance = np.zeros((count, 9)), np.tile(_NOTHING**2 * np.eye(9), (count, 1, 1))
     mean[:, 0] = focals[0][0]
     for row, ((bend, focal), centre, tangential, aspect) in enumerate(rows):

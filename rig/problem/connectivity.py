@@ -39,13 +39,18 @@ def missing_cameras(problem: Problem, kept: list[int]) -> dict[str, str]:
         for camera in sorted(set(group) - set(kept)):
             name = problem.cameras[camera].name
             if set(group) & set(kept):
-                sentences[name] = (
-                    f"{name}: what it saw contradicts the other cameras, as where it was recorded at another time; "
-                    "poses need a rectangle that cameras see at one time: check its clock, and that it is of this rig"
-                )
+                sentences[name] = contradiction(name)
             else:
                 sentences[name] = _sentence(problem, camera, group, kept)
     return sentences
+
+
+def contradiction(name: str) -> str:
+    """What to say of a camera that shares rectangles with the others, but agrees with none of them."""
+    return (
+        f"{name}: what it saw contradicts the other cameras, as where it was recorded at another time; "
+        "poses need a rectangle that cameras see at one time: check its clock, and that it is of this rig"
+    )
 
 
 def refuse(problem: Problem) -> QuadrigError:

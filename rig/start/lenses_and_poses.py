@@ -80,7 +80,7 @@ class FirstCameras:
 
 def first_cameras(problem: Problem) -> FirstCameras:
     """Calibrate each camera against the rectangles it sees."""
-    observations = _alone(problem).thinned(ENOUGH_POINTS)
+    observations = views_alone(problem).thinned(ENOUGH_POINTS)
     lens = _first_lenses(problem, observations)
     poses, errors = _both_poses(observations, lens)
     alone = _refine(problem, observations, lens, poses[:, 0], errors[:, 0])
@@ -88,7 +88,7 @@ def first_cameras(problem: Problem) -> FirstCameras:
     return FirstCameras(alone.lens, candidates, alone.noise, _real_tilt(problem, observations, alone))
 
 
-def _alone(problem: Problem) -> Observations:
+def views_alone(problem: Problem) -> Observations:
     """Every View with a pose of its own, in the frame of its rectangle, where it is flat."""
     views = problem.views
     return pack(
