@@ -32,9 +32,9 @@ def calibrate(
 
     reference: the camera, or the rectangle, whose frame is the rig frame (the world's, where the rectangle is
     surveyed); the first camera that can be placed where None. Cameras that share nothing with the largest rig are
-    not placed: Rig.missing says why, and Rig.apart has their lenses. Views with absurd coordinates are left out and
-    named in Rig.weak. Raises QuadrigError where nothing was seen, or
-    the Views determine no camera.
+    not placed: Rig.missing says why, and Rig.apart has their lenses; so are cameras that the others contradict. Views
+    that cannot be right, and given lenses that the Views rule out, are left out and named in Rig.weak. Raises
+    QuadrigError where nothing was seen, or the Views determine no camera.
     """
     whole = build_problem(cameras, rectangles, views)
     sound = set_aside(whole.cameras, whole.views)
