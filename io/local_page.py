@@ -7,6 +7,7 @@ another Origin, and where they come by a name of their own (DNS rebinding) anoth
 import hmac
 import json
 import secrets
+import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from http import HTTPStatus
@@ -57,17 +58,16 @@ Answer = Callable[[Request], Reply | None]
 class LocalPage:
     """A server on 127.0.0.1 that gives a page and answers it. `url` is where; it ends with `close`.
 
-    answer: called in threads; None where there is no such thing; a QuadrigError becomes {"problem": its sentence}
-    with status 400. port: 0 takes a free one. Raises QuadrigError where the port is taken.
+    answer: called in threads; None where there is no such thing; an error becomes {"problem": its sentence} with
+    status 400. port: 0 takes a free one. Raises QuadrigError where the port is taken.
     """
 
     def __init__(self, answer: Answer, port: int = 0) -> None:
         self.token = secrets.token_urlsafe(24)
         try:
-            self._server = ThreadingHTTPServer(("127.0.0.1", port), _handler(answer, self.token))
+            self._server = _Server(("127.0.0.1", port), _handler(answer, self.token))
         except OSError as error:
             raise QuadrigError(f"port {port} of 127.0.0.1 cannot be had ({error.strerror}); give another") from error
-        self._server.daemon_threads = True
         self.url = f"http://127.0.0.1:{self._server.server_address[1]}/{self.token}/"
 
     def serve(self) -> None:
@@ -83,6 +83,15 @@ class LocalPage:
 
     def __exit__(self, *_: object) -> None:
         self._server.server_close()
+
+
+class _Server(ThreadingHTTPServer):
+    daemon_threads = True
+
+    def handle_error(self, request: object, client_address: object) -> None:
+        """A browser that goes away in the middle of an answer is no error; all else is said as usual."""
+        if not isinstance(sys.exception(), ConnectionError | TimeoutError):
+            super().handle_error(request, client_address)  # pyright: ignore[reportArgumentType]
 
 
 def _handler(answer: Answer, token: str) -> type[BaseHTTPRequestHandler]:
@@ -133,8 +142,9 @@ def _handler(answer: Answer, token: str) -> type[BaseHTTPRequestHandler]:
         def _answer(self, request: Request) -> None:
             try:
                 reply = answer(request)
-            except (QuadrigError, KeyError, TypeError, ValueError) as error:
-                problem = str(error) if isinstance(error, QuadrigError) else f"unexpected request ({error!r})"
+            except Exception as error:
+                # The page says it, as a command would: nobody who looks at the page sees a traceback elsewhere.
+                problem = str(error) if isinstance(error, QuadrigError) else f"unexpected error ({error!r})"
                 self._send(HTTPStatus.BAD_REQUEST, Reply.of_json({"problem": problem}))
                 return
             self._send(HTTPStatus.OK if reply else HTTPStatus.NOT_FOUND, reply)

@@ -16,6 +16,10 @@ from quadrig.single.errors import QuadrigError
 def answer(request: Request) -> Reply | None:
     if request.path == "bad":
         raise QuadrigError("not so; do it otherwise")
+    if request.path == "broken":
+        raise ZeroDivisionError("by nought")
+    if request.path == "large":
+        return Reply(bytes(50_000_000), "image/jpeg")
     if request.path == "missing":
         return None
     return Reply.of_json([request.method, request.path, dict(request.values)])
@@ -102,6 +106,18 @@ def test_a_body_that_is_announced_too_large_is_not_read(page):
         head = f"POST {path_of(page, 'a')} HTTP/1.1\r\nHost: {own}\r\nOrigin: http://{own}\r\n"
         line.sendall(f"{head}Content-Type: application/json\r\nContent-Length: 99999999999\r\n\r\n".encode())
         assert b" 400 " in line.recv(1000)
+
+
+def test_an_error_is_said_to_the_page_and_a_browser_that_goes_away_is_none(page, capfd):
+    assert asked(page, path_of(page, "broken"))[:2] == (
+        400,
+        b'{"problem": "unexpected error (ZeroDivisionError(\'by nought\'))"}',
+    )
+    with socket.create_connection(("127.0.0.1", urlsplit(page.url).port), timeout=10) as line:
+        line.sendall(f"GET {path_of(page, 'large')} HTTP/1.1\r\nHost: {urlsplit(page.url).netloc}\r\n\r\n".encode())
+        assert b" 200 " in line.recv(100)
+    assert asked(page, path_of(page, "a"))[0] == 200
+    assert capfd.readouterr().err == ""
 
 
 def test_it_listens_on_this_machine_alone_and_a_taken_port_is_said(page):

@@ -226,6 +226,37 @@ def test_a_file_broken_meanwhile_is_one_sentence_on_the_page(browser, court, ses
         opened.page.close()
 
 
+def test_a_moving_rectangle_is_clicked_at_each_instant(browser, court, tmp_path, serving, open_session):
+    folders = []
+    for path in court.write(tmp_path):
+        folder = tmp_path / path.stem
+        folder.mkdir()
+        folders.append(folder)
+        for number in range(3):
+            (folder / f"{number}.png").write_bytes(path.read_bytes())
+    text = court.CONFIG.replace('reference = "court"', "").split("[[rectangle]]")[1].split("world_from_rect")[0]
+    (tmp_path / "rig.toml").write_text(f"[[rectangle]]{text}moving = true\n")
+    session = open_session(tmp_path, folders)
+    with serving(session) as served:
+        opened = Opened(browser, served.url, court)
+        assert opened.page.inner_text("#instant-text") == "1 of 3"
+        opened.click("middle", (640, 60))
+        opened.idle()
+        opened.press(".", ".")
+        opened.until("views.every((view) => view.shown === 2 && view.picture)")
+        assert opened.page.inner_text("#instant-text") == "3 of 3"
+        # What was clicked at another instant is not of this one.
+        assert opened.page.evaluate("pixelsOf(1).some(Boolean)") is False
+        opened.click("middle", (600, 80))
+        opened.idle()
+        opened.press(",")
+        opened.until("state.frameset === 1")
+        tables = read_corners(session.path, session.rectangles)
+        assert [(one.camera, one.image) for one in tables] == [("middle", 0), ("middle", 2)]
+        opened.page.close()
+        assert opened.errors == []
+
+
 @pytest.mark.parametrize("size", [(1280, 900), (2560, 1440)])
 def test_pictures_of_twelve_megapixels_fit_whatever_the_window(browser, court, tmp_path, serving, open_session, size):
     pictures, large = court.write(tmp_path), np.array([4000, 3000])
