@@ -8,6 +8,7 @@ from pathlib import Path
 from time import monotonic
 
 from quadrig.io.recording.image_folder import folder_images
+from quadrig.io.recording.messages.ros_bag import is_bag
 from quadrig.io.recording.recorded_cameras import is_result
 from quadrig.io.recording.video import VIDEO_SUFFIXES
 from quadrig.io.workers import run_tasks
@@ -154,5 +155,5 @@ def _recordings(path: Path) -> list[Path]:
         return [path]
     if any(p.is_dir() and folder_images(p) for p in inside):
         return [path]
-    mcaps = [p for p in inside if p.suffix.lower() == ".mcap" and not is_result(p)]
+    mcaps = [p for p in inside if (p.suffix.lower() == ".mcap" and not is_result(p)) or (p.is_file() and is_bag(p))]
     return mcaps + [part for p in inside if p.is_dir() for part in _recordings(p)]

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from quadrig.io.recording.limits import most_bytes
 from quadrig.io.recording.messages.mcap_reader import McapIndex, TopicMessages
 from quadrig.single.errors import QuadrigError
 
@@ -60,6 +61,8 @@ class BagBytes:
 
         self._reader = _reader(path)
         self._reader.open()
+        if path.suffix.lower() == ".bag":
+            _limit_chunks(self._reader)
         self._connections = {connection.id: connection for connection in self._reader.connections}
         # Of ROS 2: what is turned into CDR is its layout, in which a header has no number.
         self._types = get_typestore(Stores.ROS2_HUMBLE) if path.suffix.lower() == ".bag" else None
@@ -113,6 +116,21 @@ def _reader(path: Path) -> Any:
     from rosbags.rosbag2 import Reader as Ros2Reader
 
     return Ros2Reader(path)
+
+
+def _limit_chunks(reader: Any) -> None:
+    """Chunks unfold to what is allowed and no further: rosbags unfolds whatever there is."""
+    import bz2
+
+    import lz4.frame
+    from rosbags.rosbag1.reader import decompressors
+
+    limited = {
+        decompressors["bz2"]: lambda data: bz2.BZ2Decompressor().decompress(data, most_bytes()),
+        decompressors["lz4"]: lambda data: lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=most_bytes()),
+    }
+    for place, chunk in reader.chunks.items():
+        reader.chunks[place] = chunk._replace(decompressor=limited.get(chunk.decompressor, chunk.decompressor))
 
 
 def _times(reader: Any, connection: Any) -> list[int]:

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from quadrig.io.commands.main import run
+from quadrig.io.recording.messages import ros_bag
 from quadrig.io.recording.recorded_cameras import open_recording
 from quadrig.single.errors import QuadrigError
 
@@ -109,6 +110,18 @@ def test_a_bag_becomes_mcap(tmp_path, pictures, capsys):
     assert "front/left" in capsys.readouterr().out
     copy = open_recording(tmp_path / "room.mcap")
     assert np.array_equal(copy.frame("front/left", 2), pictures.picture(2))
+
+
+@pytest.mark.parametrize("compression", ["BZ2", "LZ4"])
+def test_chunks_of_ros1_unfold_no_further_than_allowed(tmp_path, pictures, monkeypatch, compression):
+    """Cut short at the limit: what is in a chunk beyond it cannot be read."""
+    path = tmp_path / "room.bag"
+    write_ros1(path, pictures, compression)
+    monkeypatch.setenv("RIG_LARGEST", "1")
+    check(path, pictures)
+    monkeypatch.setattr(ros_bag, "most_bytes", lambda: 1000)
+    with pytest.raises(QuadrigError, match="no images in this recording"):
+        open_recording(path)
 
 
 def test_without_rosbags_the_extra_is_named(tmp_path, pictures, monkeypatch):
