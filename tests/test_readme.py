@@ -36,8 +36,9 @@ def test_the_quick_start_has_two_blocks() -> None:
 
 
 def test_what_its_python_imports_is_there() -> None:
-    (block,) = re.findall(r"```python\n(.*?)```", README, re.S)
-    for statement in ast.walk(ast.parse(block)):
+    blocks = re.findall(r"```python\n(.*?)```", README, re.S)
+    assert blocks
+    for statement in (each for block in blocks for each in ast.walk(ast.parse(block))):
         if isinstance(statement, ast.ImportFrom) and statement.module is not None:
             for alias in statement.names:
                 assert hasattr(import_module(statement.module), alias.name), alias.name

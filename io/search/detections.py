@@ -5,6 +5,8 @@ from collections.abc import Sequence
 from contextlib import ExitStack, closing
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from quadrig.io.progress import progress_bar
 from quadrig.io.recording.framesets import Framesets
 from quadrig.io.recording.image_source import ImageSource
@@ -22,6 +24,9 @@ from quadrig.single.view import View
 _BATCH = 32
 # Images this far apart (of 30 a second, a tenth) still show a rectangle near where it was.
 _FOLLOWS = 3
+# Batches that are looked at first, spread over a recording of many: where some 500 images show no rectangle, the
+# description is wrong, and hours of search would find no more.
+_PROBE, _FEW_BATCHES = 16, 48
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,8 +78,13 @@ def find_detections(
     reused = sum(len(framesets.of_camera(camera.name)[1]) for camera in recording.cameras) - searched
     # A damaged file was set aside: what was whole of it is kept anew.
     if batches or remarks:
-        _search(recording, batches, found, keys, effort)
-        if cache is not None and not any(views and not isinstance(views, str) for views in found.values()):
+        done = _search(recording, batches, found, keys, effort)
+        if done < searched:
+            remarks = [
+                *remarks,
+                f"{done} of {searched} images, spread over all, show no rectangle: the search stopped",
+            ]
+        if cache is not None and not any(_shows(views) for views in found.values()):
             cache.unlink()
     views = _in_order(recording, framesets, found)
     return Detections(views, searched, reused, _left_out(framesets, found), tuple(remarks))
@@ -136,11 +146,14 @@ def _batches(
 
 def _search(
     recording: Recording, batches: Sequence[_Batch], found: Found, keys: dict[str, str], effort: Effort
-) -> None:
-    """Fill `found`, and the cache as it grows."""
+) -> int:
+    """Fill `found`, and the cache as it grows; how many images were searched: not all, where those that are spread
+    over the recording show no rectangle."""
     cache = effort.cache
     stamps = {camera.name: camera.stamps for camera in recording.cameras}
     total, done = sum(len(batch.images) for batch in batches), 0
+    batches, enough = _spread_first(batches)
+    shown, looked = any(_shows(views) for views in found.values()), 0
     try:
         with ExitStack() as stack:
             writer = stack.enter_context(keep_detections(cache, keys, found, stamps)) if cache else None
@@ -150,16 +163,35 @@ def _search(
                 batch = batches[index]
                 for image, views in zip(batch.images.tolist(), result, strict=True):
                     found[batch.camera, image] = views
+                    shown = shown or _shows(views)
                     if writer is not None:
                         writer.write(batch.camera, image, int(stamps[batch.camera][image]), views)
                 if writer is not None:
                     writer.flush()
                 done += len(batch.images)
                 advance(len(batch.images))
+                looked += index < enough
+                if looked == enough and not shown:
+                    break
     except KeyboardInterrupt:
         kept = f"kept in {cache}; the same command goes on from there" if cache else "not kept"
         print(f"stopped: {done} of {total} images were searched, {kept}", file=sys.stderr)
         raise
+    return done
+
+
+def _spread_first(batches: Sequence[_Batch]) -> tuple[list[_Batch], int]:
+    """The batches, some that are spread over the recording first, and the number of those; all where they are few."""
+    if len(batches) <= _FEW_BATCHES:
+        return list(batches), len(batches)
+    probe = np.linspace(0, len(batches) - 1, _PROBE).round().astype(int)
+    rest = np.setdiff1d(np.arange(len(batches)), probe)
+    return [batches[index] for index in (*probe, *rest)], len(probe)
+
+
+def _shows(views: tuple[View, ...] | str) -> bool:
+    """Whether an image that was searched shows a rectangle."""
+    return not isinstance(views, str) and len(views) > 0
 
 
 def _in_order(recording: Recording, framesets: Framesets, found: Found) -> list[View]:

@@ -95,6 +95,7 @@ def search_recording(
     recordings = [open_described(group, config, effort.rate, several=len(groups) > 1) for group in groups]
     # Before the search, which takes long: what is wrong with the lenses is known at once.
     cameras, remarks = with_known_lenses(camera_inputs(recordings, config), lenses or {}, keep_lenses)
+    _refuse_reference(config, cameras)
     parts = [
         _search_one(recording, config, replace(effort, cache=_own_cache(effort.cache, number)))
         for number, recording in enumerate(recordings)
@@ -107,6 +108,15 @@ def search_recording(
     seeing = {view.camera for view in shown.views}
     unseen = {name: sight for name, sight in sights.items() if name not in seeing}
     return Searched(config, tuple(cameras), rectangles, list(shown.views), list(shown.times), notes, unseen)
+
+
+def _refuse_reference(config: RigConfig, cameras: Sequence[CameraInput]) -> None:
+    """Raises QuadrigError where the reference is none of the cameras and rectangles."""
+    names = [*(camera.name for camera in cameras), *(one.name for one in config.rectangles if not one.moving)]
+    if config.reference is not None and config.reference not in names:
+        raise QuadrigError(
+            f"reference is {config.reference!r}, which is none of {', '.join(names)}; take one of them"
+        )
 
 
 def _search_one(recording: Recording, config: RigConfig, effort: Effort) -> _OneRecording:

@@ -40,6 +40,13 @@ def test_rig_from_views() -> None:
         assert_within_sigmas(line)
 
 
+def test_from_memory() -> None:
+    lines = run("08_from_memory.py").splitlines()
+    assert [line.split(":")[0] for line in lines] == ["arrays", "own detector", "driver"]
+    for line in lines:
+        assert_within_sigmas(line)
+
+
 def test_has_it_moved(shared_data: Path) -> None:
     example = [sys.executable, str(EXAMPLES / "05_has_it_moved.py"), str(shared_data / "floor")]
     done = subprocess.run(example, capture_output=True, text=True, timeout=120, check=False)
