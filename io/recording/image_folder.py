@@ -119,8 +119,9 @@ def _another(count: int, path: Path, header: PictureHeader | None, most: tuple[t
     shape = f"{header.size[0]}x{header.size[1]}, not {width}x{height}"
     if header.size == (width, height):
         shape = f"{header.turned or 'upright'} by its EXIF, not {turned or 'upright'}"
-    are, them = ("picture of another size is", "it") if count == 1 else ("pictures of another size are", "the first")
-    return f"{count} {are} left out ({them}, {path.name}, is {shape})"
+    if count == 1:
+        return f"1 picture of another size is left out ({path.name} is {shape})"
+    return f"{count} pictures of another size are left out (the first, {path.name}, is {shape})"
 
 
 def _header(path: Path) -> PictureHeader | None:

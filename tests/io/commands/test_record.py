@@ -189,6 +189,7 @@ def test_live_cameras_are_recorded_as_they_come(tmp_path, served, capsys):
             assert np.diff(camera.stamps).min() > 0
             # The bytes are those of the stream.
             shown = [served.jpeg(number) for number in range(200)]
+            assert isinstance(camera.source, McapImages)
             with camera.source.messages.opened() as opened:
                 assert opened.image(3).data in shown
         # What was recorded is not recorded over without being asked.

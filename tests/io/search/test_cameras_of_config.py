@@ -4,6 +4,7 @@ import cv2
 import pytest
 
 from quadrig.io.config.rig_toml import parse_config
+from quadrig.io.recording.recorded_cameras import open_recording
 from quadrig.io.search.effort import Effort
 from quadrig.io.search.whole_recording import search_recording
 from quadrig.single.errors import QuadrigError
@@ -54,7 +55,8 @@ def test_a_table_for_a_camera_that_is_not_there_is_an_error(recording):
 
 
 def test_pictures_by_number_have_no_clock(recording):
-    assert all(not camera.source.timed for camera in searched(recording, "").recording.cameras)
+    assert all(not camera.source.timed for camera in open_recording(recording).cameras)
+    assert searched(recording, "").times == [0, 10**9]
 
 
 @pytest.mark.parametrize("count", [4, 5, 8, 12, 14])
