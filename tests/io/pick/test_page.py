@@ -47,7 +47,7 @@ class Opened:
     def idle(self):
         """Until every change is kept and solved for."""
         self.page.wait_for_timeout(300)
-        self.until("!moving && pending === 0 && Number(document.body.dataset.solved) === asked")
+        self.until("!moving && !waiting && pending === 0 && Number(document.body.dataset.solved) === asked")
 
     def press(self, *keys):
         for key in keys:
