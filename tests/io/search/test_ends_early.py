@@ -31,7 +31,7 @@ def test_nothing_in_images_spread_over_all_ends_the_search(blank, monkeypatch):
     monkeypatch.setattr(detections, "_PROBE", 2)
     monkeypatch.setattr(detections, "_FEW_BATCHES", 4)
     searched = search_recording(blank, parse_config(ROOM), Effort(workers=1, progress=False, rate=10.0))
-    (note,) = [note for note in searched.notes if "the rest was left" in note]
+    (note,) = [note for note in searched.notes if "the search stopped" in note]
     assert int(note.split()[0]) < 100
     with pytest.raises(QuadrigError, match="no rectangle was found"):
         calibrate_searched(searched)
