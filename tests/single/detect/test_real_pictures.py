@@ -44,6 +44,19 @@ def test_every_chessboard_of_the_stereo_pairs_is_found_in_one_reading(shared_dat
     assert lens[0] < 0.2
 
 
+def test_as_many_chessboards_as_by_the_better_of_opencvs_two_searches(shared_data):
+    board = Rectangle("board", 0.25, 0.175, ChessboardMarking(10, 7, 0.025))
+    whole = [picture(path, cv2.IMREAD_GRAYSCALE) for path in sorted((shared_data / "stereo").glob("left[0-9]*.jpg"))]
+    half = [cv2.resize(one, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA) for one in whole]
+    soft = [np.asarray(cv2.GaussianBlur(one, (0, 0), 1.0), np.uint8) for one in half]
+    for pictures in (whole, soft):
+        classic = sum(bool(cv2.findChessboardCorners(one, (9, 6))[0]) for one in pictures)
+        sector = sum(bool(cv2.findChessboardCornersSB(one, (9, 6))[0]) for one in pictures)
+        views = [view for one in pictures for view in detect_views(one, [board])]
+        assert len(views) >= max(classic, sector)
+        assert max(plane_rms(view) for view in views) < 1.5
+
+
 @pytest.fixture(scope="module")
 def floor_views(shared_data):
     """What is found of the square on the floor in each of the fifteen pictures."""
@@ -56,7 +69,10 @@ def test_square_on_the_floor_is_found_by_all_fifteen_cameras(floor_views):
     assert [len(views) for views in floor_views] == [1] * 15
 
 
-@pytest.mark.xfail(strict=True, reason="sides of 300 to 900 px are fitted straight, and the lens bends them")
+# Fitted in pieces of 20 px, each sure to 0.02 px, these sides wave about a cubic by 0.1 to 0.4 px, unlike from camera
+# to camera (on the print their correlation is 0), and the lens calibrated by itself leaves them bent by up to 0.9 px:
+# the camera's own processing does it to the picture, and a corner is worth no more than its sides say.
+@pytest.mark.xfail(strict=True, reason="the sides wave by 0.1 to 0.4 px as no lens bends them, and sigma says so")
 def test_the_corners_of_the_square_on_the_floor_are_sure_to_a_tenth_of_a_pixel(floor_views):
     assert max(view.sigma for views in floor_views for view in views) < 0.1
 
