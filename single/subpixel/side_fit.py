@@ -252,7 +252,9 @@ def _joined(
     frame: _Frame, pieces: _Pieces, seen: Mask, own: Ints, prior: Floats, fit: EdgeFit, uneven: float
 ) -> Sides:
     """All four sides by least squares: their lines are each one's own, their bows hang together."""
-    coefficients, slopes, inverse = _solved(pieces, seen, prior, uneven)
+    coefficients, inverse = _solved(pieces, seen, prior, uneven)
+    # A tone moves all of a side alike; what its pieces differ by in that is their noise.
+    by_gamma = np.outer(_typical(pieces.by_gamma, seen), [1, 0, 0, 0])
     step = _typical(pieces.step, seen)
     left = pieces.offset - np.sum(coefficients[:, None] * pieces.u[..., None] ** np.arange(4), axis=-1)
     same = pieces.step * np.sign(step)[:, None] > _SAME_STEP * np.abs(step)[:, None]
@@ -273,7 +275,7 @@ def _joined(
         dark,
         contrast,
         blur,
-        slopes,
+        by_gamma,
         pull,
         weight,
         np.full(4, doubt),
@@ -284,19 +286,16 @@ def _joined(
     return Sides(frame.corners, coefficients, seen[:, own], goes_on, step, uneven, outline)
 
 
-def _solved(pieces: _Pieces, seen: Mask, prior: Floats, uneven: float) -> tuple[Floats, Floats, Floats]:
-    """Coefficients (4, 4) of the sides, how they change with the tone's log gamma, and their covariance (16, 16)."""
+def _solved(pieces: _Pieces, seen: Mask, prior: Floats, uneven: float) -> tuple[Floats, Floats]:
+    """Coefficients (4, 4) of the sides and their covariance (16, 16)."""
     powers = pieces.u[..., None] ** np.arange(4)
     # What hides a piece hides it wholly.
     variance = np.where(seen, np.maximum(pieces.variance, 1e-6), _HIDDEN)
-    offset, by_gamma = (np.where(seen, part, 0) for part in (pieces.offset, pieces.by_gamma))
+    offset = np.where(seen, pieces.offset, 0)
     ground = _ground(powers, variance, offset, np.linalg.inv(prior)) + (_GRAIN * uneven) ** 2
     solve = np.swapaxes(powers, 1, 2) @ np.linalg.inv(variance[:, None] * np.eye(seen.shape[1]) + ground)
     inverse = np.linalg.inv(prior + _diagonal(solve @ powers))
-    coefficients, slopes = (
-        (inverse @ (solve @ part[..., None]).reshape(16)).reshape(4, 4) for part in (offset, by_gamma)
-    )
-    return coefficients, slopes, inverse
+    return (inverse @ (solve @ offset[..., None]).reshape(16)).reshape(4, 4), inverse
 
 
 def _typical(part: Floats, seen: Mask) -> Floats:
