@@ -71,6 +71,9 @@ def with_known_lenses(
                 fixed=keep,
             )
         )
+    kept = ", ".join(camera.name for camera in known if keep and camera.name in lenses)
+    if kept:
+        notes.append(f"the lenses of {kept} are kept as they are: no sigma holds their doubt")
     return known, notes
 
 

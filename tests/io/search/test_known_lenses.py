@@ -41,8 +41,9 @@ def test_a_file_with_sigmas_alone_claims_no_more_than_any_correlation_allows(exa
 def test_a_lens_for_another_name_and_kept(example_rig, tmp_path):
     write_rig(tmp_path / "one.mcap", replace(example_rig, cameras=example_rig.cameras[:1]))
     lenses = read_known_lenses([f"door={tmp_path / 'one.mcap'}"])
-    (_, door), _ = with_known_lenses(INPUTS, lenses, keep=True)
+    (_, door), (note,) = with_known_lenses(INPUTS, lenses, keep=True)
     assert door.fixed
+    assert "no sigma holds their doubt" in note
     assert door.intrinsics.focal == example_rig.cameras[0].intrinsics.focal
 
 
