@@ -453,7 +453,8 @@ def _record_places(data: bytes) -> Iterator[tuple[int, int, int, int]]:
     while offset + _RECORD_HEADER.size <= len(data):
         op, length = _RECORD_HEADER.unpack_from(data, offset)
         begin = offset + _RECORD_HEADER.size
-        if begin + length > len(data):
+        # Zeros are no records: walked through one by one, those of a bomb would take minutes.
+        if op == _NO_RECORD or begin + length > len(data):
             return
         yield offset, op, begin, begin + length
         offset = begin + length
