@@ -131,6 +131,16 @@ def log_focal(rows: list[dict[str, str]], weight: Floats) -> tuple[float, float]
     return mean, sigma
 
 
+def focals_of(rows: list[dict[str, str]], weight: Floats, bends: Floats) -> tuple[float, float, Floats]:
+    """log_focal of a class, and how its terms (N, 3) change with that number, drawn to 0 where rows are few."""
+    mean, sigma = log_focal(rows, weight)
+    off = np.log([_number(row, "fx") / _side(row) for row in rows]) - mean
+    known = np.isfinite(bends)
+    centred = np.where(known, bends - np.nansum(weight[:, None] * bends, axis=0) / (weight @ known), 0.0)
+    square = (weight * off**2) @ known + _LEAST_SPREAD_ROWS * sigma**2
+    return mean, sigma, (weight * off) @ centred / square
+
+
 def _text(value: object) -> str:
     if isinstance(value, (list, tuple, np.ndarray)):
         inner = ", ".join(_text(one) for one in value)
@@ -161,7 +171,10 @@ def main() -> None:
     both = np.concatenate([well_made, well_made])
     tables: dict[str, tuple[object, str]] = {
         "RADIAL": (radial, "Weight, mean and covariance of each class: barrel, nearly none, pincushion, any."),
-        "RADIAL_FOCAL": ([log_focal(rows, own) for own in belongs.T], "FOCAL of each class: long lenses bend less."),
+        "RADIAL_FOCAL": (
+            [focals_of(rows, own, terms * half[:, None] ** [2, 4, 6]) for own in belongs.T],
+            "FOCAL of each class, and how its radial terms change with that number: long lenses bend less.",
+        ),
         "CENTRE": (widths(centre.ravel(), both, 2), "Weight and sigma, of each coordinate, of the larger side."),
         "TANGENTIAL": (widths(tangential.ravel(), both, 2), "Weight and sigma of p1 and p2."),
         "ASPECT": (widths(aspect, weight, 3), "Weight and sigma of the aspect about 1."),

@@ -28,9 +28,9 @@ _GIVEN_SIGMA = np.array([0.01, 0.005, 0.005, 0.02, 0.02, 0.001, 0.001, 0.02, 0.0
 _FOCAL_WIDENED = 1.25
 # Weight and width, in sigmas of the others, of lenses that are none of the usual focal.
 _UNUSUAL_SHARE, _UNUSUAL_WIDTH = 0.05, 3.0
-# Weight and sigma of the axis, of the larger side, in pictures that are parts of others: a mere guess of both. Before
-# Views that speak against all other classes it means nothing.
-_CROPPED = (0.01, 0.15)
+# Weight and sigma of the axis, of the larger side, in pictures that are parts of others: a guess of both, made large
+# enough that an axis a quarter of the picture off leaves the focal open.
+_CROPPED = (0.05, 0.25)
 # Beyond so many sigmas of the logarithm a focal is no guide to where its own prior lies.
 _FARTHEST = 3.0
 # Sigma of a number that a lens model does not have.
@@ -134,8 +134,12 @@ class LensClasses:
         density = usual + np.exp(-0.5 * square / _UNUSUAL_WIDTH**2) * _UNUSUAL_SHARE / _UNUSUAL_WIDTH
         with np.errstate(divide="ignore"):
             log, weight = _shares(np.log(self.weight) + np.log(density) - 0.5 * np.log(spread))
-        mean, covariance = self.mean.copy(), self.covariance.copy()
-        mean[..., 0] += off
+        slope = self.covariance[..., 0] / spread[..., None]
+        # A focal that is none of a class's own says nothing of how that class bends.
+        far = _FARTHEST * np.sqrt(spread)
+        mean = self.mean + slope * np.clip(off, -far, far)[..., None]
+        mean[..., 0] = self.mean[..., 0] + off
+        covariance = self.covariance - slope[..., :, None] * self.covariance[..., :1, :]
         covariance[..., 0, 0] = _NOTHING**2
         return log, replace(self, weight=weight, mean=mean, covariance=covariance)
 
@@ -227,10 +231,14 @@ def _template(model: LensModel, own_focals: bool, cropped: bool) -> tuple[Floats
     """Weight (K,), mean (K, 9), covariance (K, 9, 9) and kind (K,) of the classes, in units of the picture; the last
     has no weight: it is where a given lens stands. Models have as many classes, some of them with no weight."""
     bends = [(w, m, np.array(c), number) for number, (w, m, c) in enumerate(RADIAL)]
-    places, tangentials, focals = [3, 4, 7], TANGENTIAL, RADIAL_FOCAL if own_focals else (FOCAL,) * len(RADIAL)
+    places, tangentials, focals = (
+        [3, 4, 7],
+        TANGENTIAL,
+        RADIAL_FOCAL if own_focals else ((*FOCAL, (0.0,) * 3),) * len(RADIAL),
+    )
     if model == "fisheye":
         bends = [(1.0, FISHEYE[0], np.diag(np.square(FISHEYE[1])), _FISHEYE_KIND)]
-        places, tangentials, focals = [3, 4, 5, 6], ((1.0, 0.0),), (FISHEYE_FOCAL,)
+        places, tangentials, focals = [3, 4, 5, 6], ((1.0, 0.0),), ((*FISHEYE_FOCAL, (0.0,) * 4),)
     centres = (*CENTRE, _CROPPED) if cropped else CENTRE
     rows = [
         (bend, centre, tangential, aspect)
@@ -249,5 +257,8 @@ def _template(model: LensModel, own_focals: bool, cropped: bool) -> tuple[Floats
         kind[row] = bend[3]
         sigma = np.array([_FOCAL_WIDENED * focal[1], *[centre[1]] * 2, 0, 0, *[tangential[1]] * 2, 0, aspect[1]])
         covariance[row] += np.diag(sigma**2)
-        covariance[row][np.ix_(places, places)] += bend[2]
+        slope = np.array(focal[2])
+        # What the class varies by at one focal, and with it.
+        covariance[row][np.ix_(places, places)] += bend[2] + np.outer(slope, slope) * (sigma[0] ** 2 - focal[1] ** 2)
+        covariance[row, 0, places] = covariance[row, places, 0] = slope * sigma[0] ** 2
     return weight / weight.sum(), mean, covariance, kind

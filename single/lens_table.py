@@ -24,8 +24,13 @@ RADIAL = (
 )
 """Weight, mean and covariance of each class: barrel, nearly none, pincushion, any."""
 
-RADIAL_FOCAL = ((-0.427, 0.215), (-0.0898, 0.338), (-0.193, 0.292), (-0.549, 0.326))
-"""FOCAL of each class: long lenses bend less."""
+RADIAL_FOCAL = (
+    (-0.427, 0.215, (0.19, -0.0409, 0.00323)),
+    (-0.0898, 0.338, (-0.00132, 0.00185, -0.00452)),
+    (-0.193, 0.292, (-0.01, 0.0139, 0.00496)),
+    (-0.549, 0.326, (0.212, -0.0785, -0.0157)),
+)
+"""FOCAL of each class, and how its radial terms change with that number: long lenses bend less."""
 
 CENTRE = ((0.513, 0.00607), (0.487, 0.0264))
 """Weight and sigma, of each coordinate, of the larger side."""

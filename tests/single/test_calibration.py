@@ -240,7 +240,7 @@ def test_gopros_that_see_one_tag_know_what_they_do_not(shared_data):
     tag = Rectangle("tag", 0.15, 0.15, TagMarking("aruco_4x4_250", 0))
     scores, held = misses(list(calibrated(shared_data / "floor" / "images", "camera_*.jpg", tag)), 2433.1, 2439.8)
     assert len(scores) >= 14
-    assert held >= 13
+    assert held >= len(scores) - 1
     assert np.abs(scores).max() < 3
 
 
