@@ -47,7 +47,7 @@ def report_html(held: RigFile) -> str:
 
 
 def _title(rig: Rig) -> str:
-    return f"Rig of {len(rig.cameras)} cameras" if len(rig.cameras) > 1 else f"Camera {rig.cameras[0].name}"
+    return f"Rig of {len(rig.cameras)} cameras" if len(rig.cameras) > 1 else f"Camera {next(iter(rig.cameras)).name}"
 
 
 def _verdict(rig: Rig) -> str:

@@ -36,7 +36,7 @@ def accuracy_in_words(rig: Rig) -> str:
     """What a rig is good for: points in the volume it covered; directions, where it is of one camera."""
     if len(rig.cameras) > 1:
         return f"{length(rig.working_accuracy)} in the volume you covered"
-    (camera,) = rig.cameras
+    camera = next(iter(rig.cameras))
     sigma = lens_accuracy(rig, camera.name)
     if not np.isfinite(sigma):
         return "an unknown accuracy"
@@ -49,4 +49,4 @@ def is_determined(rig: Rig) -> bool:
     if len(rig.cameras) > 1:
         return bool(np.isfinite(rig.working_accuracy))
     # A lens that was only given has no sigma.
-    return bool(0 < lens_accuracy(rig, rig.cameras[0].name) < np.inf)
+    return bool(0 < lens_accuracy(rig, next(iter(rig.cameras)).name) < np.inf)

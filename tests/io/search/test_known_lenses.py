@@ -25,6 +25,8 @@ def with_evidence(example_rig):
 def test_what_views_said_goes_through_the_file(with_evidence, tmp_path):
     write_rig(tmp_path / "rig.mcap", with_evidence)
     (cam0, door), notes = with_known_lenses(INPUTS, read_known_lenses([str(tmp_path / "rig.mcap")]))
+    assert cam0.lens_evidence is not None
+    assert cam0.intrinsics is not None
     np.testing.assert_array_equal(cam0.lens_evidence.information, np.diag(np.arange(9.0)))
     np.testing.assert_array_equal(cam0.lens_evidence.pull, np.arange(9.0))
     assert cam0.intrinsics.focal == read_rig(tmp_path / "rig.mcap").camera("cam0").intrinsics.focal
@@ -43,6 +45,7 @@ def test_a_lens_for_another_name_and_kept(example_rig, tmp_path):
     lenses = read_known_lenses([f"door={tmp_path / 'one.mcap'}"])
     (_, door), (note,) = with_known_lenses(INPUTS, lenses, keep=True)
     assert door.fixed
+    assert door.intrinsics is not None
     assert "no sigma holds their doubt" in note
     assert door.intrinsics.focal == example_rig.cameras[0].intrinsics.focal
 

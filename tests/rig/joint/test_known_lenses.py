@@ -54,7 +54,13 @@ def test_two_steps_end_with_the_doubt_of_one(simulated):
                 figures.append(rig.rotation_sigma(camera.name) / joint.rotation_sigma(camera.name))
             ratios += figures
     assert np.exp(np.mean(np.log(ratios))) == pytest.approx(1, abs=0.05)
-    # Without the laboratory the same site knows less.
+
+
+def test_without_the_laboratory_the_same_site_knows_less(simulated):
+    site, rectangles, views = laboratory_and_site(simulated, 3)
+    laboratory = calibrate(site.inputs, rectangles, views)
+    inputs = known(site, laboratory, lens_evidence=lambda _, camera: camera.lens_evidence)
+    rig = calibrate(inputs, site.rectangles, site.views)
     alone = calibrate(site.inputs, site.rectangles, site.views)
     assert alone.focal_sigma("cam1") > 1.2 * rig.focal_sigma("cam1")
     assert alone.working_accuracy > 1.2 * rig.working_accuracy
@@ -90,10 +96,10 @@ def test_another_camera_s_lens_is_said(simulated):
 
 def test_what_is_known_must_be_of_a_lens():
     lens = Intrinsics.centred(640, 480, 500.0)
-    for broken, said in (
-        ({"lens_covariance": np.eye(9)}, "give its lens"),
-        ({"intrinsics": lens, "lens_covariance": np.eye(8)}, "9 x 9"),
-        ({"intrinsics": lens, "lens_covariance": -np.eye(9)}, "negative"),
+    for given, covariance, said in (
+        (None, np.eye(9), "give its lens"),
+        (lens, np.eye(8), "9 x 9"),
+        (lens, -np.eye(9), "negative"),
     ):
         with pytest.raises(QuadrigError, match=said):
-            CameraInput("a", 640, 480, **broken)
+            CameraInput("a", 640, 480, given, lens_covariance=covariance)
