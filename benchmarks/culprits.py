@@ -11,7 +11,7 @@ accused. Of clean rigs, which come first, nobody is to be accused; nor of lenses
 import argparse
 import sys
 import time
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -28,6 +28,7 @@ from quadrig.rig.problem.build import build_problem
 from quadrig.rig.problem.connectivity import components
 from quadrig.rig.result import Rig
 from quadrig.single.errors import QuadrigError
+from quadrig.single.pose import Pose
 from quadrig.single.view import View
 
 # The quantile of a Gaussian five sigmas off, on both sides.
@@ -38,7 +39,7 @@ ACCUSING = (
     "lens that was given",
     "size that was given",
     "mirrored",
-    "contradict",
+    "contradicts the other cameras",
     "no pictures of",
     "another size",
     "outside of its picture",
@@ -102,7 +103,13 @@ def wrong_size(rng: np.random.Generator, made: Simulated) -> Planted:
     ]
     views = [replace(v, points=v.points * factor) if v.rectangle == name else v for v in made.views]
     made = replace(made, rectangles=tuple(rectangles), views=tuple(views))
-    joining = sum(v.rectangle == name for v in views) > 1 and len(names) > 1
+    moving = next(r.moving for r in rectangles if r.name == name)
+    seen = {(v.frameset if moving else 0, v.camera) for v in views if v.rectangle == name}
+    joining = len(names) > 1 and max(Counter(frameset for frameset, _ in seen).values()) > 1
+    if len(names) == 1:
+        # No picture shows it: all lengths follow the sheet.
+        poses = made.world_from_camera
+        made = replace(made, world_from_camera=Pose(poses.rotation, poses.translation * factor))
     return Planted(made, name if joining else None, ("size that was given",))
 
 

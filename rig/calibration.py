@@ -8,6 +8,7 @@ import numpy as np
 from quadrig.rig.culprits.cameras import Solve, contradicting_camera, of_cameras, why_it_contradicts
 from quadrig.rig.culprits.lenses import freed, lens_sentences, wrong_lenses
 from quadrig.rig.culprits.pictures import no_pictures, set_aside, size_sentences
+from quadrig.rig.culprits.sheets import measured, resized, wrong_size
 from quadrig.rig.joint.assemble import assemble_rig, camera_covariance
 from quadrig.rig.joint.clock_rounds import Solved, solve_with_clocks
 from quadrig.rig.joint.stages import Contradicted
@@ -20,6 +21,9 @@ from quadrig.rig.start.lenses_and_poses import first_cameras
 from quadrig.single.errors import QuadrigError
 from quadrig.single.rectangle import Rectangle
 from quadrig.single.view import View
+
+# More sizes than these are not wrong by mistake.
+_MOST_WRONG_SIZES = 3
 
 
 def calibrate(
@@ -113,9 +117,10 @@ def _rigs(problem: Problem, order: Sequence[str], reference: str | None) -> list
                 own = [i for i in numbers if (part.cameras[i].name in solved.names) is loose]
                 rigs += _rigs(of_cameras(part, own), order, reference)
             continue
+        solved, sizes = _with_sizes(solved, frame)
         covariance = camera_covariance(solved.joint, solved.joint.covariance)
         rig = assemble_rig(solved.problem, solved.joint, solved.first, covariance, frame, placed)
-        accused = (*lens_sentences(part.cameras, wrong_lenses(solved), rig), *size_sentences(rig))
+        accused = (*sizes, *lens_sentences(part.cameras, wrong_lenses(solved), rig), *size_sentences(rig))
         rigs.append(replace(rig, weak=(*accused, *rig.weak)))
     return rigs
 
@@ -136,6 +141,21 @@ def _groups_in_step(problem: Problem) -> list[list[int]]:
         return groups_in_step(problem, first_cameras(problem).candidates)
     except np.linalg.LinAlgError:
         return [[index] for index in range(len(problem.cameras))]
+
+
+def _with_sizes(solved: Solved, frame: str) -> tuple[Solved, list[str]]:
+    """The rig with rectangles of the sizes that it shows, where some that were given are wrong; and what to say."""
+    said: list[str] = []
+    while len(said) < _MOST_WRONG_SIZES and (wrong := wrong_size(solved)):
+        again = _solved(resized(solved.problem, wrong), frame)
+        if not isinstance(again, Solved):
+            break
+        before, after = (int(one.joint.inliers.rejected.sum()) for one in (solved, again))
+        if after > before or (after == before and again.joint.noise >= solved.joint.noise):
+            break
+        said.append(measured(wrong, again).sentence(solved.problem))
+        solved = again
+    return solved, said
 
 
 def _as_seen(part: Problem, frame: str) -> Problem:
