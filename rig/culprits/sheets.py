@@ -148,8 +148,8 @@ class _Rays:
         return _Rays(view, problem.node[view], problem.camera[view], turn, ray, rig_from_camera.translation)
 
     def factors(self, rows: Ints) -> Floats:
-        """What rays are to be multiplied by so that those of two cameras to one rectangle meet: of all two Views, among
-        some rows, of one rectangle in one place."""
+        """What rays are to be multiplied by so that those of two cameras to one rectangle meet: of all two Views that
+        some rows have of it in one place."""
         left, right = (rows[side] for side in np.triu_indices(len(rows), 1))
         met = (self.node[left] == self.node[right]) & (self.camera[left] != self.camera[right])
         left, right = left[met], right[met]

@@ -50,6 +50,9 @@ _MOST_STEPS = 25
 # degrees off, and its residuals some ten times the noise.
 _ROBUST_STEPS = 12
 _WIDER = (20.0, 5.0)
+# Share of a camera's Views that are rejected, from which it may stand in a wrong place: Views themselves are wrong in
+# one of ten at most.
+_GIVEN_UP = 0.2
 # Noise that changes by less than this (log) changes no sigma in its third digit.
 _SETTLED_NOISE = 1e-3
 # Probabilities of classes of lenses that change by less than this move no figure by a hundredth of its sigma.
@@ -128,13 +131,13 @@ def solve_jointly(
     free = _free_parameters(problem, observations, priors, standing, fixed_node)
     state = State(alone.lens, first.camera_from_rig, first.rig_from_node, offsets=offsets)
     robust = _robust_stage(problem, observations, state, alone, first, free)
+    if _is_one_given_up(observations, robust.inliers):
+        # A camera whose first lens or pose is wrong is brought round by all of its Views under a wider loss, where
+        # Cauchy's loss at the noise's own width gives them up.
+        whole = replace(first, agrees=np.ones_like(first.agrees))
+        wide = _robust_stage(problem, observations, state, alone, whole, free, wider=_WIDER)
+        robust = min(robust, wide, key=lambda fit: int(fit.inliers.rejected.sum()))
     contradicted = _contradicted(problem, observations, robust.inliers)
-    if contradicted:
-        # A camera whose first lens is wrong is brought round by all of its Views under a wider loss, where Cauchy's
-        # loss at the noise's own width gives them all up.
-        first = replace(first, agrees=np.ones_like(first.agrees))
-        robust = _robust_stage(problem, observations, state, alone, first, free, wider=_WIDER)
-        contradicted = _contradicted(problem, observations, robust.inliers)
     if contradicted:
         return contradicted
     used = observations.with_weights(robust.inliers.weights)
@@ -296,6 +299,15 @@ def _end(
     covariance = bordered.with_errors(firm)
     residuals = residual_sum(found, used, free, noise, covariance, bordered.effective)
     return _End(found, reduced, firm, bordered, covariance, residuals)
+
+
+def _is_one_given_up(observations: Observations, inliers: Inliers) -> bool:
+    """Whether so many Views of some camera were rejected that it may stand in a wrong place."""
+    count, out = (
+        np.bincount(observations.camera[chosen], minlength=observations.cameras)
+        for chosen in (slice(None), inliers.rejected)
+    )
+    return bool((out > _GIVEN_UP * count).any())
 
 
 def _contradicted(problem: Problem, observations: Observations, inliers: Inliers) -> Contradicted | None:
