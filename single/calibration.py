@@ -27,7 +27,7 @@ _USUAL_CENTRE = 0.02
 UNKNOWN_FOCAL = 0.25
 # ln of a likelihood ratio of twenty to one: below it the mirrored tilt cannot be ruled out.
 _SURE_OF_TILT = 3.0
-# The share of lenses that are none of the usual kinds, above which something else may be wrong: a tenth beforehand.
+# The share of lenses that are none of the usual kinds, above which something else may be wrong: a seventh beforehand.
 _UNUSUAL = 0.5
 # Sigmas of a sheet's shape that no sheet has.
 _BENT = 3.0
@@ -264,7 +264,7 @@ def _notes(
             f"only a sheet bent {bent:.0f} times as far as sheets usually are explains these points: {_CHECK}"
         )
     elif found.unusual > _UNUSUAL:
-        notes.append(f"only a lens that few people use explains these points: {_CHECK}")
+        notes.append(f"only a rare lens, or a part of another picture, explains these points: {_CHECK}")
     if prior.focal is None:
         notes += _focal_notes(stacked, prior, found, relative)
     if twins is not None and twins.log_likelihood_ratio < _SURE_OF_TILT:

@@ -123,6 +123,13 @@ class LensClasses:
             log = np.log(self.weight) + log - np.linalg.slogdet(whole)[1] / 2
         return log, self.mean + gained, root @ inverse @ root_t
 
+    def unusual(self) -> Floats:
+        """Probability (C,) that a lens is of no usual kind, or its picture a part of another."""
+        rare = self.kind == CLASS_NAMES.index("uncommon")
+        # Rounding is all that this leaves room for.
+        rare |= self.covariance[..., 1, 1] > 0.99 * _CROPPED[1] ** 2
+        return (self.weight * rare).sum(axis=1)
+
     def at_focals(self, focal: Floats) -> tuple[Floats, "LensClasses"]:
         """Logarithm (C,) of the density of the focal's logarithm at these focals (C,) px, but for a constant, and the
         mixtures of lenses that have them. Broad at its ends, so that a telephoto lens that Views show well is not

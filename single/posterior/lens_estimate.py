@@ -13,7 +13,7 @@ import numpy as np
 from quadrig.single.arrays import Floats, Ints, Mask
 from quadrig.single.errors import QuadrigError
 from quadrig.single.lens import unproject
-from quadrig.single.lens_prior import CLASS_NAMES, LensClasses, lens_classes, usual_focal
+from quadrig.single.lens_prior import LensClasses, lens_classes, usual_focal
 from quadrig.single.pose import Pose
 from quadrig.single.posterior.lens_fit import (
     LensFits,
@@ -100,8 +100,8 @@ class LensEstimate:
 
     @property
     def unusual(self) -> float:
-        """How likely it is a lens of no usual kind."""
-        return float(self.classes.kinds()[0, CLASS_NAMES.index("uncommon")])
+        """How likely it is a lens of no usual kind, or a part of another picture."""
+        return float(self.classes.unusual()[0])
 
 
 def estimate_lens(views: LensViews, prior: LensPrior, first_focals: Sequence[float] = ()) -> LensEstimate:
