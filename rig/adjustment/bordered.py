@@ -14,12 +14,16 @@ from quadrig.rig.adjustment.levenberg_marquardt import Adjustment, FreeParameter
 from quadrig.rig.adjustment.normal_equations import State, chain_derivatives, view_rows
 from quadrig.rig.adjustment.schur import Reduced, node_steps
 from quadrig.rig.adjustment.slack import eliminate_slack
-from quadrig.rig.adjustment.systematic_errors import SystematicErrors
-from quadrig.rig.problem.observations import Observations
-from quadrig.single.arrays import Floats, Ints
+from quadrig.rig.adjustment.systematic_errors import Moves, SystematicErrors
+from quadrig.rig.problem.observations import ObservationGroup, Observations
+from quadrig.single.arrays import Floats
+from quadrig.single.pose import Pose
 
 if TYPE_CHECKING:
     import scipy.sparse
+
+# Views whose Gram matrices are made at a time: 0.1 MB each.
+_AT_ONCE = 500
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,6 +93,8 @@ class Bordered:
     by_node: Floats
     fall: float
     effective: float
+    data_information: Floats
+    data_pull: Floats
 
     def with_errors(self, camera_covariance: Floats) -> Floats:
         """The covariance (C M, C M) of the cameras with the errors' doubt, from that without."""
@@ -123,6 +129,7 @@ def solve_bordered(
     pulled_nodes = (border.pairs.T @ by_camera).reshape(-1, 6, len(values))
     by_node = -reduced.node_inverse @ pulled_nodes - (border.passed @ root).reshape(-1, 6, len(values))
     covariance = root @ root.T
+    data = information - errors.information
     return Bordered(
         values + step,
         covariance,
@@ -131,6 +138,8 @@ def solve_bordered(
         by_node,
         float(step @ pulled),
         len(values) - float((errors.information * covariance).sum()),
+        data,
+        pulled + errors.information @ values + data @ values,
     )
 
 
@@ -157,46 +166,72 @@ class _Sums:
         """size: M, of a camera's unknowns."""
         from scipy.sparse import coo_array
 
-        lens = len(found.columns)
-        gram, index = _gram(errors, observations, found, noise)
-        count = index.shape[1]
-        if free.slack is not None and found.state.slack is not None:
-            gram = eliminate_slack(gram, found.state.slack, free.slack.information).gram
+        lens, parts = len(found.columns), []
+        result, own = np.zeros((observations.cameras, size, unknowns)), np.zeros((unknowns, unknowns))
+        gradient = np.zeros(unknowns)
         by_camera, by_node = chain_derivatives(observations, found.state)
-        pose = slice(lens + count, lens + count + 6)
-        rows = gram[:, lens : lens + count]
-        with_camera = np.concatenate([rows[:, :, :lens], rows[:, :, pose] @ by_camera], axis=2)
-        result = np.zeros((observations.cameras, size, unknowns))
-        places = observations.camera[:, None, None], np.arange(size)[:, None], index[:, None, :]
-        np.add.at(result, places, np.swapaxes(with_camera, 1, 2))
-        with_node = np.swapaxes(rows[:, :, pose] @ by_node, 1, 2)
-        row = observations.node[:, None, None] * 6 + np.arange(6)[:, None]
-        at = [axis.ravel() for axis in np.broadcast_arrays(row, index[:, None, :])]
-        nodes = coo_array((with_node.ravel(), at), shape=(6 * observations.nodes, unknowns)).tocsr()
-        own, gradient = np.zeros((unknowns, unknowns)), np.zeros(unknowns)
-        np.add.at(own, (index[:, :, None], index[:, None, :]), rows[:, :, lens : lens + count])
-        np.add.at(gradient, index, rows[:, :, -1])
+        chained = found.state.camera_from_rect(observations)
+        for group, moves in zip(observations.groups, errors.moves, strict=True):
+            for rows in _batches(len(group.view)):
+                part, index = group.part(rows), moves.index[rows]
+                gram = _gram(part, moves, rows, found, chained[part.view], noise)
+                if free.slack is not None and found.state.slack is not None:
+                    slack, held = found.state.slack[part.view], free.slack.information[part.view]
+                    gram = eliminate_slack(gram, slack, held).gram
+                of_errors = gram[:, lens : lens + index.shape[1]]
+                by_pose = of_errors[:, :, -7:-1]
+                with_camera = np.concatenate([of_errors[:, :, :lens], by_pose @ by_camera[part.view]], axis=2)
+                # Views of one camera and one sheet have the same errors: they are summed first.
+                key = index[:, 0] * observations.cameras + part.camera
+                order = np.argsort(key, kind="stable")
+                starts = np.flatnonzero(np.diff(key[order], prepend=-1))
+                at, camera = index[order][starts], part.camera[order][starts]
+                np.add.at(
+                    result,
+                    (camera[:, None, None], np.arange(size)[:, None], at[:, None, :]),
+                    np.swapaxes(np.add.reduceat(with_camera[order], starts), 1, 2),
+                )
+                among = of_errors[:, :, lens : lens + index.shape[1]]
+                np.add.at(own, (at[:, :, None], at[:, None, :]), np.add.reduceat(among[order], starts))
+                np.add.at(gradient, index, of_errors[:, :, -1])
+                row = part.node[:, None, None] * 6 + np.arange(6)[:, None]
+                with_node = np.swapaxes(by_pose @ by_node[part.view], 1, 2)
+                parts.append([axis.ravel() for axis in np.broadcast_arrays(with_node, row, index[:, None, :])])
+        value, row, column = (np.concatenate(each) for each in zip(*parts, strict=True))
+        nodes = coo_array((value, (row, column)), shape=(6 * observations.nodes, unknowns)).tocsr()
         return _Sums(result.reshape(-1, unknowns), nodes, own, gradient)
 
 
-def _gram(
-    errors: SystematicErrors, observations: Observations, found: Adjustment, noise: float
-) -> tuple[Floats, Ints]:
-    """Gram matrices (V, K+E+7, K+E+7) over [lens columns, errors, step of camera_from_rect, residual], and which
-    errors (V, E) these are."""
-    state, lens, views = found.state, len(found.columns), len(observations.camera)
-    chained = state.camera_from_rect(observations)
-    count = errors.index[0].shape[1]
-    gram, which = np.zeros((views, lens + count + 7, lens + count + 7)), np.zeros((views, count), int)
-    for group, index, by_point, by_pixel in zip(
-        observations.groups, errors.index, errors.by_point, errors.by_pixel, strict=True
-    ):
-        pose = chained[group.view]
-        rows, _ = view_rows(group, state.lens[group.camera], pose, found.columns)
-        located = by_point @ np.swapaxes(pose.rotation, -1, -2)[:, None]
-        of_shapes = np.einsum("avip,vpsa->svip", rows[lens + 3 : lens + 6], located)
-        every = np.concatenate([rows[:lens], of_shapes, by_pixel.transpose(2, 0, 3, 1), rows[lens:]])
-        every = np.where(np.isfinite(every), every, 0.0) * np.sqrt(group.weights / noise**2)[:, None, :]
-        flat = every.reshape(len(every), len(group.view), -1).transpose(1, 0, 2)
-        gram[group.view], which[group.view] = flat @ np.swapaxes(flat, -1, -2), index
-    return gram, which
+def _batches(count: int) -> list[slice]:
+    return [slice(begin, begin + _AT_ONCE) for begin in range(0, count, _AT_ONCE)]
+
+
+def _gram(group: ObservationGroup, moves: Moves, rows: slice, found: Adjustment, pose: Pose, noise: float) -> Floats:
+    """Gram matrices (V, K+E+7, K+E+7) over [lens columns, errors, step of camera_from_rect, residual] of some Views
+    of a group; pose: camera_from_rect of each."""
+    lens, (count, size) = len(found.columns), group.weights.shape
+    own, _ = view_rows(group, found.state.lens[group.camera], pose, found.columns)
+    own = np.where(np.isfinite(own), own, 0.0)
+    by_point = np.swapaxes(own[lens + 3 : lens + 6], 0, 1).reshape(count, 3, 2, size)
+    by_rect = np.swapaxes(pose.rotation, -1, -2) @ by_point.reshape(count, 3, 2 * size)
+    by_shape = moves.by_shape[rows].transpose(3, 2, 0, 1)
+    of_shapes = (by_rect.reshape(count, 3, 1, 2, size).transpose(1, 2, 0, 3, 4) * by_shape[:, :, :, None]).sum(axis=0)
+    few = np.concatenate([own[:lens], of_shapes, moves.by_tone[rows].transpose(2, 0, 3, 1), own[lens:]])
+    weights, field = group.weights / noise**2, moves.by_lens[rows]
+    weighted = weights[..., None] * field
+    first = lens + len(of_shapes) + moves.by_tone.shape[2]
+    fields, total = field.shape[2], len(few) + 2 * field.shape[2]
+    gram = np.zeros((count, total, total))
+    kept = np.r_[:first, first + 2 * fields : total]
+    flat = few.reshape(len(few), count, -1).transpose(1, 0, 2)
+    scaled = flat * np.tile(weights, (1, 2))[:, None]
+    gram[:, kept[:, None], kept] = flat @ np.swapaxes(scaled, -1, -2)
+    if not fields:
+        return gram
+    among = np.swapaxes(field, -1, -2) @ weighted
+    for side in range(2):
+        at = slice(first + side * fields, first + (side + 1) * fields)
+        crossed = few[:, :, side].transpose(1, 0, 2) @ weighted
+        gram[:, kept, at], gram[:, at, kept] = crossed, np.swapaxes(crossed, -1, -2)
+        gram[:, at, at] = among
+    return gram

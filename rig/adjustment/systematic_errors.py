@@ -1,4 +1,5 @@
-"""Errors that many corners share: the shape of a sheet in all its Views, what a tone curve does in all of a camera's.
+"""Errors that many corners share: the shape of a sheet in all its Views, what a tone curve and a lens beside its
+model do in all pictures of a camera.
 
 They are unknowns like any other, small, with priors, and linear: what they move is worked out once.
 """
@@ -8,40 +9,80 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from quadrig.rig.adjustment.lens_remainder import (
+    degrees_of,
+    field_basis,
+    learned_variance,
+    shares_of,
+    usual_variance,
+)
 from quadrig.rig.problem.build import Problem
 from quadrig.rig.problem.observations import ObservationGroup, Observations
 from quadrig.rig.sheet_shape import SHAPE_PARAMETERS, shape_basis, shape_covariance
 from quadrig.single.arrays import Floats, Ints
+from quadrig.single.rectangle import Rectangle
 
 _SHAPES = len(SHAPE_PARAMETERS)
 
 
 @dataclass(frozen=True, eq=False)
-class SystematicErrors:
-    """U unknowns in all: seven of each sheet in the order of Problem.rectangles, then the tone of each camera.
+class Moves:
+    """How the points and pixels of a group of Views move with the errors.
 
-    For each group of Views: index (V, E), which unknowns act on a View; by_point (V, P, 7, 3) m, how points move with
-    the first seven of them, in the frame of the View's node; by_pixel (V, P, E - 7, 2) px, how pixels move with the
-    others. information (U, U): of the prior, whose mean is zero.
+    index (V, E): which unknowns act on a View: seven of its sheet, then the tone of its camera, then twice B of its
+    camera's lens, across and down. by_shape (V, P, 7, 3) m: of points, in the frame of the View's node. by_tone
+    (V, P, T, 2) px, T one or none; by_lens (V, P, B): of a pixel's either coordinate, for one px.
     """
 
-    index: tuple[Ints, ...]
-    by_point: tuple[Floats, ...]
-    by_pixel: tuple[Floats, ...]
+    index: Ints
+    by_shape: Floats
+    by_tone: Floats
+    by_lens: Floats
+
+    def corrected(self, group: ObservationGroup, values: Floats) -> ObservationGroup:
+        """The Views with errors of these values (U,) taken off."""
+        own = values[self.index]
+        tones, fields = self.by_tone.shape[2], self.by_lens.shape[2]
+        shape, tone, across, down = np.split(own, np.cumsum([_SHAPES, tones, fields]), axis=1)
+        points = group.points + (self.by_shape * shape[:, None, :, None]).sum(axis=2)
+        field = np.stack([(self.by_lens @ part[..., None])[..., 0] for part in (across, down)], axis=-1)
+        pixels = group.pixels - (self.by_tone * tone[:, None, :, None]).sum(axis=2) - field
+        return replace(group, points=points, pixels=pixels)
+
+
+@dataclass(frozen=True, eq=False)
+class SystematicErrors:
+    """U unknowns in all: seven of each sheet in the order of Problem.rectangles, the tone of each camera where a View
+    has one, then twice B of each camera's lens. moves: of each group. information (U, U): of the prior, whose mean is
+    zero. lens_rows (C, 2 B): where the unknowns of each lens stand; widths (C,) px of the pictures; share (2 B,)."""
+
+    moves: tuple[Moves, ...]
     information: Floats
+    lens_rows: Ints
+    widths: Floats
+    share: Floats
 
     def corrected(self, observations: Observations, values: Floats) -> Observations:
         """The Views with errors of these values (U,) taken off: points as they are on the sheets, pixels as they
         would be without them."""
-        groups = []
-        for group, index, by_point, by_pixel in zip(
-            observations.groups, self.index, self.by_point, self.by_pixel, strict=True
-        ):
-            own = values[index][:, None, :, None]
-            points = group.points + (by_point * own[:, :, :_SHAPES]).sum(axis=2)
-            pixels = group.pixels - (by_pixel * own[:, :, _SHAPES:]).sum(axis=2)
-            groups.append(replace(group, points=points, pixels=pixels))
-        return replace(observations, groups=tuple(groups))
+        groups = tuple(m.corrected(g, values) for m, g in zip(self.moves, observations.groups, strict=True))
+        return replace(observations, groups=groups)
+
+    def with_learned_fields(self, information: Floats, pull: Floats) -> "SystematicErrors":
+        """The same with priors of the lenses' fields as large as the Views make likely. information (U, U), pull
+        (U,): what the Views say of the errors, quadratic about zero."""
+        if not self.lens_rows.size:
+            return self
+        variances = [
+            learned_variance(information[np.ix_(rows, rows)], pull[rows], self.share, float(width))
+            for rows, width in zip(self.lens_rows, self.widths, strict=True)
+        ]
+        return self._with_fields(np.array(variances))
+
+    def _with_fields(self, variances: Floats) -> "SystematicErrors":
+        whole = self.information.copy()
+        whole[self.lens_rows, self.lens_rows] = 1 / (variances[:, None] * self.share)
+        return replace(self, information=whole)
 
 
 def systematic_errors(problem: Problem, observations: Observations) -> SystematicErrors:
@@ -49,28 +90,34 @@ def systematic_errors(problem: Problem, observations: Observations) -> Systemati
     rectangles = list(problem.rectangles.values())
     number = {name: row for row, name in enumerate(problem.rectangles)}
     rectangle = np.array([number[view.rectangle] for view in problem.views], int)
-    shared = any(view.common is not None for view in problem.views)
-    index, by_point, by_pixel = [], [], []
+    cameras, shapes = observations.cameras, _SHAPES * len(rectangles)
+    tones = int(any(view.common is not None for view in problem.views))
+    degrees = degrees_of(cameras)
+    first_field, fields = shapes + tones * cameras, 2 * len(degrees)
+    sizes = np.array([(camera.width, camera.height) for camera in problem.cameras], float)
+    moves = []
     for group in observations.groups:
         own = rectangle[group.view]
-        columns = [_SHAPES * own[:, None] + np.arange(_SHAPES)]
-        if shared:
-            columns.append(_SHAPES * len(rectangles) + group.camera[:, None])
-        index.append(np.concatenate(columns, axis=1))
-        moves = np.zeros((*group.points.shape[:2], _SHAPES, 3))
+        parts = [
+            _SHAPES * own[:, None] + np.arange(_SHAPES),
+            (shapes + group.camera)[:, None] + np.zeros(tones, int),
+            first_field + fields * group.camera[:, None] + np.arange(fields),
+        ]
+        by_shape = np.zeros((*group.points.shape[:2], _SHAPES, 3))
         for row in np.unique(own):
-            moves[own == row] = _shape_moves(problem, row, group.points[own == row])
-        by_point.append(moves)
-        by_pixel.append(_tone_moves(problem, group) if shared else np.zeros((*group.pixels.shape[:2], 0, 2)))
-    information = np.linalg.inv(shape_covariance(rectangles))
-    if shared:
-        information = _with_units(information, observations.cameras)
-    return SystematicErrors(tuple(index), tuple(by_point), tuple(by_pixel), information)
+            by_shape[own == row] = _shape_moves(rectangles[row], group.points[own == row])
+        by_tone = _tone_moves(problem, group) if tones else np.zeros((*group.pixels.shape[:2], 0, 2))
+        by_lens = field_basis(degrees, group.pixels, sizes[group.camera][:, None])
+        moves.append(Moves(np.concatenate(parts, axis=1), by_shape, by_tone, by_lens))
+    information = np.eye(first_field + fields * cameras)
+    information[:shapes, :shapes] = np.linalg.inv(shape_covariance(rectangles))
+    rows = first_field + np.arange(fields * cameras).reshape(cameras, fields)
+    errors = SystematicErrors(tuple(moves), information, rows, sizes[:, 0], np.tile(shares_of(degrees), 2))
+    return errors._with_fields(np.array([usual_variance(width) for width in sizes[:, 0]]))
 
 
-def _shape_moves(problem: Problem, row: int, points: Floats) -> Floats:
+def _shape_moves(rectangle: Rectangle, points: Floats) -> Floats:
     """How points (..., 3) in the frame of the node of a rectangle move with its shape: (..., 7, 3)."""
-    rectangle = list(problem.rectangles.values())[row]
     pose = rectangle.world_from_rect
     if pose is None:
         return shape_basis(rectangle, points)
@@ -85,13 +132,6 @@ def _tone_moves(problem: Problem, group: ObservationGroup) -> Floats:
         if common is not None:
             moves[row, : len(common), 0] = common
     return moves
-
-
-def _with_units(information: Floats, count: int) -> Floats:
-    size = len(information)
-    whole = np.eye(size + count)
-    whole[:size, :size] = information
-    return whole
 
 
 def sheet_values(values: Floats, covariance: Floats, rectangles: Sequence[str], name: str) -> tuple[Floats, Floats]:

@@ -237,6 +237,7 @@ def _least_squares_stage(
         costs, noise = costs + found.costs, noise_of(*end.residuals, problem.expected_noise)
         again = inliers_of(seen, found.linearised.squares, found.state, free, noise)
         priors, free = _weighed(problem, priors, free, found, end.covariance)
+        errors = errors.with_learned_fields(end.bordered.data_information, end.bordered.data_pull)
         state, values = end.bordered.state, end.bordered.values
         seen = errors.corrected(observations, values)
         same = abs(np.log(noise / before)) < _SETTLED_NOISE and np.abs(priors.kinds - kinds).max() < _SAME_CLASSES

@@ -1,0 +1,67 @@
+"""What a lens leaves beside its model: a smooth field of shifts over the picture, small where the model fits.
+
+Products of Legendre polynomials, each of mean square one over the picture and without those of the lowest degrees,
+which the lens model has itself; the higher the degree the smaller the prior, as of a smooth Gaussian process. How
+large the field is, is learned with its own doubt, camera by camera. Where no corner was seen the prior remains.
+"""
+
+import numpy as np
+
+from quadrig.single.arrays import Floats, Ints
+
+# Degree of the finest field, and the first degree that no lens model has.
+_FINEST, _COARSEST = 6, 2
+# So many numbers of all cameras together, at most: the border's matrix is dense.
+_MOST_NUMBERS = 1200
+# Variance falls with the degree to this power: the fields that splined lenses show beside radial polynomials do.
+_SMOOTHNESS = 3.0
+# Root mean square of the field (px in a picture 1280 px wide) over most lenses, and by which factor it varies; tried
+# at so many sizes.
+_USUAL, _FACTOR, _SIZES = 0.03, np.e, 25
+
+
+def degrees_of(cameras: int) -> Ints:
+    """Degrees (B, 2) across and down of the field's functions for so many cameras: finer where they are few."""
+    for finest in range(_FINEST, _COARSEST - 1, -1):
+        pairs = [(i, n - i) for n in range(_COARSEST, finest + 1) for i in range(n + 1)]
+        if 2 * len(pairs) * cameras <= _MOST_NUMBERS:
+            return np.array(pairs)
+    return np.zeros((0, 2), int)
+
+
+def field_basis(degrees: Ints, pixels: Floats, size: Floats) -> Floats:
+    """The functions (..., B) at pixels (..., 2) of pictures of size (..., 2) px, width and height."""
+    if not len(degrees):
+        return np.zeros((*pixels.shape[:-1], 0))
+    # Beyond the picture, where a wrong corner may lie, the polynomials would explode.
+    at = np.clip((2 * pixels + 1) / size - 1, -1.0, 1.0)
+    legendre = np.stack([np.polynomial.legendre.Legendre.basis(n)(at) for n in range(degrees.max() + 1)])
+    legendre *= np.sqrt(2 * np.arange(len(legendre)) + 1.0).reshape(-1, *[1] * at.ndim)
+    return np.moveaxis(legendre[degrees[:, 0], ..., 0] * legendre[degrees[:, 1], ..., 1], 0, -1)
+
+
+def shares_of(degrees: Ints) -> Floats:
+    """What share (B,) of the field's variance each of its functions has before any picture."""
+    share = degrees.sum(axis=1).astype(float) ** -_SMOOTHNESS
+    return share / max(share.sum(), 1e-300)
+
+
+def usual_variance(width: float) -> float:
+    """Mean square (px^2) of the field before any picture, of one coordinate."""
+    return (_USUAL * width / 1280) ** 2 * float(np.exp(2 * np.log(_FACTOR) ** 2))
+
+
+def learned_variance(information: Floats, pull: Floats, share: Floats, width: float) -> float:
+    """Mean square (px^2) of a camera's field, averaged over sizes by how likely the Views make each.
+
+    information (N, N), pull (N,): what Views say of the field's numbers, quadratic about a field of zero; share (N,).
+    """
+    root = np.sqrt(share)
+    values, axes = np.linalg.eigh(information * root * root[:, None])
+    values, along = np.maximum(values, 0.0), (axes.T @ (root * pull)) ** 2
+    steps = np.linspace(-3.5, 3.5, _SIZES)
+    variance = (_USUAL * width / 1280 * _FACTOR**steps) ** 2
+    grown = variance[:, None] * values
+    evidence = 0.5 * (variance[:, None] * along / (1 + grown) - np.log1p(grown)).sum(axis=1) - 0.5 * steps**2
+    weight = np.exp(evidence - evidence.max())
+    return float(weight @ variance / weight.sum())
