@@ -22,6 +22,8 @@ from quadrig.single.pose import Pose
 if TYPE_CHECKING:
     import scipy.sparse
 
+# Matrices with fewer elements are quicker dense, most of theirs being zero or not.
+_DENSE = 3_000_000
 # Views whose Gram matrices are made at a time: 0.1 MB each.
 _AT_ONCE = 500
 
@@ -31,14 +33,14 @@ class Border:
     """What ties the errors to the cameras, rectangle poses eliminated.
 
     cameras (C M, U): B above. information (U, U): D with the prior; gradient (U,) down the cost, prior included.
-    pairs (C M, 6 N) and passed (6 N, U), sparse: what leads to the steps of the nodes.
+    pairs (C M, 6 N) sparse, and passed (6 N, U), sparse where it is large: what leads to the steps of the nodes.
     """
 
     cameras: Floats
     information: Floats
     gradient: Floats
     pairs: "scipy.sparse.csr_array"
-    passed: "scipy.sparse.csr_array"
+    passed: "Floats | scipy.sparse.csr_array"
 
     def information_lost(self) -> Floats:
         """(C M, C M): by how much less the reduced system says when the errors may take any value."""
@@ -70,8 +72,8 @@ def border_of(
     at = [axis.ravel() for axis in np.broadcast_arrays(row, column)]
     pairs = coo_array((found.normal.pairs.ravel(), at), shape=(cameras * size, 6 * nodes)).tocsr()
     passed = node_inverse @ own.nodes
-    border = np.where(reduced.free.ravel()[:, None], own.cameras - (pairs @ passed).toarray(), 0.0)
-    information = own.errors - (own.nodes.T @ passed).toarray() + errors.information
+    border = np.where(reduced.free.ravel()[:, None], own.cameras - _dense(pairs @ passed), 0.0)
+    information = own.errors - _dense(own.nodes.T @ passed) + errors.information
     gradient = own.gradient - passed.T @ found.normal.node_gradient.ravel() - errors.information @ values
     return Border(border, information, gradient, pairs, passed)
 
@@ -80,17 +82,19 @@ def border_of(
 class Bordered:
     """One step to the minimum over cameras, rectangle poses and systematic errors together.
 
-    values (U,): of the errors; covariance (U, U). state: where the rest went. by_camera (C M, U), by_node (N, 6, U):
-    by how much cameras and nodes move with each of U independent errors of one sigma: by_camera @ by_camera.T is
-    what they add to the cameras' covariance. fall: of chi-square, that is expected. effective: how many unknowns the
-    errors count for, less what priors hold.
+    values (U,): of the errors; covariance (U, U), and a root (U, U) of it. state: where the rest went. by_camera
+    (C M, U): by how much cameras move with each of U independent errors of one sigma. fall: of chi-square, that is
+    expected. effective: how many unknowns the errors count for, less what priors hold. data_information (U, U),
+    data_pull (U,): what the Views alone say of the errors, quadratic about errors of zero, cameras and poses
+    following.
     """
 
     values: Floats
     covariance: Floats
     state: State
     by_camera: Floats
-    by_node: Floats
+    border: Border
+    root: Floats
     fall: float
     effective: float
     data_information: Floats
@@ -99,6 +103,13 @@ class Bordered:
     def with_errors(self, camera_covariance: Floats) -> Floats:
         """The covariance (C M, C M) of the cameras with the errors' doubt, from that without."""
         return camera_covariance + self.by_camera @ self.by_camera.T
+
+    def node_covariances(self, reduced: Reduced) -> Floats:
+        """What the errors add to the covariance (N, 6, 6) of each rectangle pose."""
+        size, nodes = len(self.values), len(reduced.node_inverse)
+        followed = reduced.node_inverse @ (self.border.pairs.T @ self.by_camera).reshape(nodes, 6, size)
+        moved = followed + (self.border.passed @ self.root).reshape(nodes, 6, size)
+        return moved @ np.swapaxes(moved, -1, -2)
 
 
 def solve_bordered(
@@ -126,8 +137,6 @@ def solve_bordered(
     steps = (camera_covariance @ gradient - through @ step).reshape(reduced.free.shape)
     poses = node_steps(found.normal, found.layout, reduced, steps) - (border.passed @ step).reshape(-1, 6)
     by_camera = -through @ root
-    pulled_nodes = (border.pairs.T @ by_camera).reshape(-1, 6, len(values))
-    by_node = -reduced.node_inverse @ pulled_nodes - (border.passed @ root).reshape(-1, 6, len(values))
     covariance = root @ root.T
     data = information - errors.information
     return Bordered(
@@ -135,7 +144,8 @@ def solve_bordered(
         covariance,
         stepped(observations, found.columns, found.state, found.eliminated, steps, poses),
         by_camera,
-        by_node,
+        border,
+        root,
         float(step @ pulled),
         len(values) - float((errors.information * covariance).sum()),
         data,
@@ -145,11 +155,11 @@ def solve_bordered(
 
 @dataclass(frozen=True, eq=False)
 class _Sums:
-    """The errors' part of the normal equations: with cameras (C M, U), with nodes (6 N, U) sparse, among themselves
+    """The errors' part of the normal equations: with cameras (C M, U), with nodes (6 N, U), among themselves
     (U, U), and the gradient (U,)."""
 
     cameras: Floats
-    nodes: "scipy.sparse.csr_array"
+    nodes: "Floats | scipy.sparse.csr_array"
     errors: Floats
     gradient: Floats
 
@@ -198,8 +208,13 @@ class _Sums:
                 with_node = np.swapaxes(by_pose @ by_node[part.view], 1, 2)
                 parts.append([axis.ravel() for axis in np.broadcast_arrays(with_node, row, index[:, None, :])])
         value, row, column = (np.concatenate(each) for each in zip(*parts, strict=True))
-        nodes = coo_array((value, (row, column)), shape=(6 * observations.nodes, unknowns)).tocsr()
+        nodes = coo_array((value, (row, column)), shape=(6 * observations.nodes, unknowns))
+        nodes = nodes.toarray() if nodes.shape[0] * unknowns < _DENSE else nodes.tocsr()
         return _Sums(result.reshape(-1, unknowns), nodes, own, gradient)
+
+
+def _dense(matrix: "Floats | scipy.sparse.csr_array") -> Floats:
+    return matrix if isinstance(matrix, np.ndarray) else matrix.toarray()
 
 
 def _batches(count: int) -> list[slice]:

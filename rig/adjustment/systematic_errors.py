@@ -77,12 +77,16 @@ class SystematicErrors:
             learned_variance(information[np.ix_(rows, rows)], pull[rows], self.share, float(width))
             for rows, width in zip(self.lens_rows, self.widths, strict=True)
         ]
-        return self._with_fields(np.array(variances))
+        return replace(
+            self, information=_with_fields(self.information, self.lens_rows, np.array(variances), self.share)
+        )
 
-    def _with_fields(self, variances: Floats) -> "SystematicErrors":
-        whole = self.information.copy()
-        whole[self.lens_rows, self.lens_rows] = 1 / (variances[:, None] * self.share)
-        return replace(self, information=whole)
+
+def _with_fields(information: Floats, rows: Ints, variances: Floats, share: Floats) -> Floats:
+    """The information (U, U) where the fields of lenses have these mean squares (C,)."""
+    whole = information.copy()
+    whole[rows, rows] = 1 / (variances[:, None] * share)
+    return whole
 
 
 def systematic_errors(problem: Problem, observations: Observations) -> SystematicErrors:
@@ -112,8 +116,9 @@ def systematic_errors(problem: Problem, observations: Observations) -> Systemati
     information = np.eye(first_field + fields * cameras)
     information[:shapes, :shapes] = np.linalg.inv(shape_covariance(rectangles))
     rows = first_field + np.arange(fields * cameras).reshape(cameras, fields)
-    errors = SystematicErrors(tuple(moves), information, rows, sizes[:, 0], np.tile(shares_of(degrees), 2))
-    return errors._with_fields(np.array([usual_variance(width) for width in sizes[:, 0]]))
+    share, usual = np.tile(shares_of(degrees), 2), np.array([usual_variance(width) for width in sizes[:, 0]])
+    information = _with_fields(information, rows, usual, share)
+    return SystematicErrors(tuple(moves), information, rows, sizes[:, 0], share)
 
 
 def _shape_moves(rectangle: Rectangle, points: Floats) -> Floats:

@@ -104,7 +104,7 @@ def node_covariances(joint: Joint) -> Floats:
     np.add.at(result, tables.pair_node[left], term)
     off = left != right
     np.add.at(result, tables.pair_node[left][off], np.swapaxes(term[off], -1, -2))
-    result += joint.bordered.by_node @ np.swapaxes(joint.bordered.by_node, -1, -2)
+    result += joint.bordered.node_covariances(reduced)
     step_by_twist = step_by_left_twist(joint.adjustment.state.rig_from_rect)
     return step_by_twist @ result @ np.swapaxes(step_by_twist, -1, -2)
 
