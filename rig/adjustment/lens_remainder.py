@@ -17,7 +17,7 @@ _MOST_NUMBERS = 1200
 _SMOOTHNESS = 3.0
 # Root mean square of the field (px in a picture 1280 px wide) over most lenses, and by which factor it varies; tried
 # at so many sizes.
-_USUAL, _FACTOR, _SIZES = 0.03, np.e, 25
+_USUAL, _FACTOR, _SIZES = 0.03, np.e, 41
 
 
 def degrees_of(cameras: int) -> Ints:
@@ -59,7 +59,7 @@ def learned_variance(information: Floats, pull: Floats, share: Floats, width: fl
     root = np.sqrt(share)
     values, axes = np.linalg.eigh(information * root * root[:, None])
     values, along = np.maximum(values, 0.0), (axes.T @ (root * pull)) ** 2
-    steps = np.linspace(-3.5, 3.5, _SIZES)
+    steps = np.linspace(-6.0, 4.0, _SIZES)
     variance = (_USUAL * width / 1280 * _FACTOR**steps) ** 2
     grown = variance[:, None] * values
     evidence = 0.5 * (variance[:, None] * along / (1 + grown) - np.log1p(grown)).sum(axis=1) - 0.5 * steps**2
