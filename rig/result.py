@@ -31,6 +31,8 @@ class Camera:
     lens_reason: why that lens, in words. rms: px, over the used points of the fit; views: how many Views it used.
     observable_focal: False where focal and distance cannot be separated. clock_offset: s, by how much later than
     the mean of the cameras it takes its pictures for one and the same stamp; zero where it is not observable.
+    remainder: px, root mean square over the picture of the smooth shifts of its pixels that the lens model does not
+    have; nan where it is not known.
     lens_evidence: what its Views say of its lens, for another calibration of it; None where they were not asked for
     all of the lens.
     """
@@ -46,6 +48,7 @@ class Camera:
     observable_focal: bool = True
     clock_offset: float = 0.0
     lens_evidence: LensEvidence | None = None
+    remainder: float = float("nan")
 
 
 @dataclass(frozen=True, eq=False)

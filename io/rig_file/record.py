@@ -57,6 +57,7 @@ class CameraRecord(msgspec.Struct):
     observable_focal: bool = True
     clock_offset: Number = 0.0
     lens_evidence: EvidenceRecord | None = None
+    remainder: Number = None
 
 
 class RectangleRecord(msgspec.Struct):
@@ -212,6 +213,7 @@ def _camera_record(camera: Camera) -> CameraRecord:
         views=int(camera.views),
         observable_focal=bool(camera.observable_focal),
         clock_offset=number(camera.clock_offset),
+        remainder=number(camera.remainder),
         lens_evidence=None
         if evidence is None
         else EvidenceRecord(numbers(evidence.pull), numbers(evidence.information)),
@@ -239,6 +241,7 @@ def _camera(held: CameraRecord) -> Camera:
         views=held.views,
         observable_focal=held.observable_focal,
         clock_offset=read_number(held.clock_offset),
+        remainder=read_number(held.remainder),
         lens_evidence=None
         if evidence is None
         else LensEvidence(read_numbers(evidence.pull), read_numbers(evidence.information)),

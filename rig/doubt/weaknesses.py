@@ -15,6 +15,8 @@ _FEW_VIEWS = 5
 _WORSE_HELD_OUT = 1.5
 # Less than this (px) is beyond what any detector promises.
 _NOTABLE = 0.1
+# Of a picture this wide (px).
+_USUAL_WIDTH = 1280
 # Clocks that agree this well (s) displace a hand-held rectangle by less than a corner's noise.
 _NOTABLE_OFFSET = 0.003
 # The share of a picture (in a grid of 4 x 4) below which the lens is a guess outside of what was covered.
@@ -57,6 +59,11 @@ def _of_camera(rig: Rig, camera: Camera) -> list[str]:
     if camera.views < _FEW_VIEWS:
         sentences.append(
             f"{camera.name}: rests on {camera.views} View{'s' if camera.views != 1 else ''}; show it more"
+        )
+    if camera.remainder > _NOTABLE * camera.intrinsics.width / _USUAL_WIDTH:
+        sentences.append(
+            f"{camera.name}: its pictures differ from its lens model by {camera.remainder:.2f} px, smoothly; poses "
+            "and sigmas reckon with it, other software will not know"
         )
     return sentences
 

