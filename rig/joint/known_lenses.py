@@ -13,9 +13,9 @@ from quadrig.rig.result import CAMERA_PARAMETERS, Camera
 from quadrig.single.arrays import Floats
 from quadrig.single.lens_prior import LensEvidence
 
-# Lenses that differ by this many of their common sigmas, in the mean of what can be compared, are two lenses: noise
-# that hangs together (a bent board, a blur) accounts for two.
-_ANOTHER_LENS = 4.0
+# Lenses that differ by this many of their common sigmas, in the mean of what can be compared, are two lenses: bent
+# boards and what lenses leave over are in those sigmas already, and one lens differs from itself by 0.6 to 1.3.
+_ANOTHER_LENS = 3.0
 # A fit that gives up so many of a camera's Views does so for the sake of its lens: wrong ids and instants are fewer.
 _GIVEN_UP = 0.3
 # What Views say that is less than this share of what was known compares nothing.
