@@ -46,16 +46,18 @@ def test_it_is_a_covariance(board_rig):
 def test_it_scales_with_the_noise(simulated):
     """The lens is told, so that the same numbers are estimated, and the sizes of the sheets, which no noise makes
     unsure; the same draw of noise, thrice as large, and well above what lenses leave over."""
-    quiet = simulated.simulate(15, simulated.Scene(cameras=3, framesets=16, noise=0.5, principal=0.0))
-    loud = simulated.simulate(15, simulated.Scene(cameras=3, framesets=16, noise=1.5, principal=0.0))
+    quiet = simulated.simulate(15, simulated.Scene(cameras=3, framesets=16, noise=0.3, principal=0.0))
+    loud = simulated.simulate(15, simulated.Scene(cameras=3, framesets=16, noise=0.9, principal=0.0))
     assert len(quiet.views) == len(loud.views)
     rigs = []
     for made in (quiet, loud):
         inputs = [replace(c, lens="f k1 k2") for c in made.inputs]
         known = [replace(rectangle, scale_sigma=1e-9) for rectangle in made.rectangles]
         rigs.append(calibrate(inputs, known, made.views))
-    np.testing.assert_allclose(figures(rigs[1]) / figures(rigs[0]), 3.0, rtol=0.05)
-    assert rigs[1].working_accuracy / rigs[0].working_accuracy == pytest.approx(3, rel=0.05)
+    grown = [*(figures(rigs[1]) / figures(rigs[0])).ravel(), rigs[1].working_accuracy / rigs[0].working_accuracy]
+    # What priors hold and what sheets and lenses leave over is no noise: a little less than thrice, never more.
+    assert min(grown) > 2.7
+    assert max(grown) < 3.05
 
 
 def test_told_sigmas_are_relative_only(board_rig):
