@@ -242,11 +242,10 @@ def _new_information(rig: Rig, problem: Problem, joint: Joint) -> tuple[Floats, 
     found = adjust(joint.observations, joint.adjustment.state, opened, noise, most_steps=0)
     reduced = undamped(found, opened)
     unknown = reduced.free.ravel()
-    border = border_of(joint.errors, joint.values, joint.observations, found, opened, noise, reduced)
-    lost = border.information_lost()
+    border = border_of(joint.errors, joint.observations, found, opened, noise, reduced)
+    lost, pulled = border.lost(joint.errors, joint.values)
     matrix = np.where(unknown[:, None] & unknown, dense_matrix(reduced) - lost, 0.0)
-    gradient = np.where(unknown, reduced.gradient.ravel(), 0.0)
-    gradient = gradient - border.cameras @ np.linalg.solve(border.information, border.gradient)
+    gradient = np.where(unknown, reduced.gradient.ravel(), 0.0) - pulled
     # What the new recording's own parts and Views disagree on is no motion either.
     widening, errors = cross_validate(problem, joint).widening, view_error_variances(problem, joint)
     spread = gradient_covariance(joint.observations, found, opened, reduced, widening, errors)

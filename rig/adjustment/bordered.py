@@ -5,6 +5,7 @@ after the rectangle poses are eliminated: the errors' covariance is S = (D + pri
 C + C B S B' C.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -16,7 +17,7 @@ from quadrig.rig.adjustment.schur import Reduced, node_steps
 from quadrig.rig.adjustment.slack import eliminate_slack
 from quadrig.rig.adjustment.systematic_errors import Moves, SystematicErrors
 from quadrig.rig.problem.observations import ObservationGroup, Observations
-from quadrig.single.arrays import Floats
+from quadrig.single.arrays import Floats, Ints
 from quadrig.single.pose import Pose
 
 if TYPE_CHECKING:
@@ -30,9 +31,9 @@ _AT_ONCE = 500
 
 @dataclass(frozen=True, eq=False)
 class Border:
-    """What ties the errors to the cameras, rectangle poses eliminated.
+    """What the Views say of the errors, rectangle poses eliminated, for each of F folds of the Views.
 
-    cameras (C M, U): B above. information (U, U): D with the prior; gradient (U,) down the cost, prior included.
+    cameras (C M, U): B above. information (F, U, U): D; gradient (F, U) down the cost; both without the prior.
     pairs (C M, 6 N) sparse, and passed (6 N, U), sparse where it is large: what leads to the steps of the nodes.
     """
 
@@ -42,30 +43,32 @@ class Border:
     pairs: "scipy.sparse.csr_array"
     passed: "Floats | scipy.sparse.csr_array"
 
-    def information_lost(self) -> Floats:
-        """(C M, C M): by how much less the reduced system says when the errors may take any value."""
-        lost = self.cameras @ np.linalg.solve(self.information, self.cameras.T)
-        return (lost + lost.T) / 2
+    def lost(self, errors: SystematicErrors, values: Floats) -> tuple[Floats, Floats]:
+        """By how much less the reduced system and its gradient say, (C M, C M) and (C M,), when the errors, now of
+        these values (U,), may take any that their prior allows."""
+        pull = self.gradient.sum(axis=0) - errors.information @ values
+        right = np.column_stack([self.cameras.T, pull])
+        solved = self.cameras @ np.linalg.solve(self.information.sum(axis=0) + errors.information, right)
+        return (solved[:, :-1] + solved[:, :-1].T) / 2, solved[:, -1]
 
 
 def border_of(
     errors: SystematicErrors,
-    values: Floats,
     observations: Observations,
     found: Adjustment,
     free: FreeParameters,
     noise: float,
     reduced: Reduced,
+    fold: Ints | None = None,
 ) -> Border:
-    """The border at the end of an adjustment by least squares, made with errors of these values (U,) taken off.
-
-    reduced: of that adjustment. noise: px.
-    """
+    """The border at the end of an adjustment by least squares. reduced: of that adjustment. noise: px. fold (N,): of
+    each node, all of whose Views are in it; one fold where None."""
     from scipy.sparse import bsr_array, coo_array
 
     cameras, size = reduced.free.shape
     nodes, tables = observations.nodes, found.layout
-    own = _Sums.of(errors, observations, found, free, noise, size, len(values))
+    fold = np.zeros(nodes, int) if fold is None else fold
+    own = _Sums.of(errors, observations, found, free, noise, size, fold)
     node_inverse = bsr_array((reduced.node_inverse, np.arange(nodes), np.arange(nodes + 1)), shape=(6 * nodes,) * 2)
     row = tables.pair_camera[:, None, None] * size + np.arange(size)[:, None]
     column = tables.pair_node[:, None, None] * 6 + np.arange(6)
@@ -73,8 +76,13 @@ def border_of(
     pairs = coo_array((found.normal.pairs.ravel(), at), shape=(cameras * size, 6 * nodes)).tocsr()
     passed = node_inverse @ own.nodes
     border = np.where(reduced.free.ravel()[:, None], own.cameras - _dense(pairs @ passed), 0.0)
-    information = own.errors - _dense(own.nodes.T @ passed) + errors.information
-    gradient = own.gradient - passed.T @ found.normal.node_gradient.ravel() - errors.information @ values
+    information, gradient = own.errors, own.gradient
+    pull = found.normal.node_gradient.ravel()
+    for number in range(len(information)):
+        rows = np.flatnonzero(np.repeat(fold == number, 6))
+        chosen = passed[rows]
+        information[number] -= _dense(own.nodes[rows].T @ chosen)
+        gradient[number] -= chosen.T @ pull[rows]
     return Border(border, information, gradient, pairs, passed)
 
 
@@ -104,6 +112,12 @@ class Bordered:
         """The covariance (C M, C M) of the cameras with the errors' doubt, from that without."""
         return camera_covariance + self.by_camera @ self.by_camera.T
 
+    def joint_covariance(self, camera_covariance: Floats) -> Floats:
+        """The covariance (C M + U, C M + U) of cameras and errors together, from that of the cameras without
+        errors."""
+        across = self.by_camera @ self.root.T
+        return np.block([[self.with_errors(camera_covariance), across], [across.T, self.covariance]])
+
     def node_covariances(self, reduced: Reduced) -> Floats:
         """What the errors add to the covariance (N, 6, 6) of each rectangle pose."""
         size, nodes = len(self.values), len(reduced.node_inverse)
@@ -126,19 +140,19 @@ def solve_bordered(
     errors."""
     from scipy.linalg import solve_triangular
 
-    border = border_of(errors, values, observations, found, free, noise, reduced)
+    border = border_of(errors, observations, found, free, noise, reduced)
     through = camera_covariance @ border.cameras
-    information = border.information - border.cameras.T @ through
+    data = border.information.sum(axis=0) - border.cameras.T @ through
+    information = data + errors.information
     lower = np.linalg.cholesky((information + information.T) / 2)
     root = solve_triangular(lower, np.eye(len(values)), lower=True).T
     gradient = np.where(reduced.free, reduced.gradient, 0.0).ravel()
-    pulled = border.gradient - through.T @ gradient
+    pulled = border.gradient.sum(axis=0) - errors.information @ values - through.T @ gradient
     step = root @ (root.T @ pulled)
     steps = (camera_covariance @ gradient - through @ step).reshape(reduced.free.shape)
     poses = node_steps(found.normal, found.layout, reduced, steps) - (border.passed @ step).reshape(-1, 6)
     by_camera = -through @ root
     covariance = root @ root.T
-    data = information - errors.information
     return Bordered(
         values + step,
         covariance,
@@ -156,7 +170,7 @@ def solve_bordered(
 @dataclass(frozen=True, eq=False)
 class _Sums:
     """The errors' part of the normal equations: with cameras (C M, U), with nodes (6 N, U), among themselves
-    (U, U), and the gradient (U,)."""
+    (F, U, U), and the gradient (F, U), for each fold."""
 
     cameras: Floats
     nodes: "Floats | scipy.sparse.csr_array"
@@ -171,46 +185,55 @@ class _Sums:
         free: FreeParameters,
         noise: float,
         size: int,
-        unknowns: int,
+        fold: Ints,
     ) -> "_Sums":
-        """size: M, of a camera's unknowns."""
+        """size: M, of a camera's unknowns; fold (N,): of each node."""
         from scipy.sparse import coo_array
 
-        lens, parts = len(found.columns), []
-        result, own = np.zeros((observations.cameras, size, unknowns)), np.zeros((unknowns, unknowns))
-        gradient = np.zeros(unknowns)
+        lens, unknowns, folds = len(found.columns), len(errors.information), int(fold.max(initial=0)) + 1
+        result, own = np.zeros((observations.cameras, size, unknowns)), np.zeros((folds, unknowns, unknowns))
+        gradient, parts = np.zeros((folds, unknowns)), []
         by_camera, by_node = chain_derivatives(observations, found.state)
-        chained = found.state.camera_from_rect(observations)
-        for group, moves in zip(observations.groups, errors.moves, strict=True):
-            for rows in _batches(len(group.view)):
-                part, index = group.part(rows), moves.index[rows]
-                gram = _gram(part, moves, rows, found, chained[part.view], noise)
-                if free.slack is not None and found.state.slack is not None:
-                    slack, held = found.state.slack[part.view], free.slack.information[part.view]
-                    gram = eliminate_slack(gram, slack, held).gram
-                of_errors = gram[:, lens : lens + index.shape[1]]
-                by_pose = of_errors[:, :, -7:-1]
-                with_camera = np.concatenate([of_errors[:, :, :lens], by_pose @ by_camera[part.view]], axis=2)
-                # Views of one camera and one sheet have the same errors: they are summed first.
-                key = index[:, 0] * observations.cameras + part.camera
-                order = np.argsort(key, kind="stable")
-                starts = np.flatnonzero(np.diff(key[order], prepend=-1))
-                at, camera = index[order][starts], part.camera[order][starts]
-                np.add.at(
-                    result,
-                    (camera[:, None, None], np.arange(size)[:, None], at[:, None, :]),
-                    np.swapaxes(np.add.reduceat(with_camera[order], starts), 1, 2),
-                )
-                among = of_errors[:, :, lens : lens + index.shape[1]]
-                np.add.at(own, (at[:, :, None], at[:, None, :]), np.add.reduceat(among[order], starts))
-                np.add.at(gradient, index, of_errors[:, :, -1])
-                row = part.node[:, None, None] * 6 + np.arange(6)[:, None]
-                with_node = np.swapaxes(by_pose @ by_node[part.view], 1, 2)
-                parts.append([axis.ravel() for axis in np.broadcast_arrays(with_node, row, index[:, None, :])])
+        for part, gram, index in extended_grams(errors, observations, found, free, noise):
+            of_errors = gram[:, lens : lens + index.shape[1]]
+            by_pose = of_errors[:, :, -7:-1]
+            with_camera = np.concatenate([of_errors[:, :, :lens], by_pose @ by_camera[part.view]], axis=2)
+            # Views of one camera, one sheet and one fold have the same errors: they are summed first.
+            key = (index[:, 0] * observations.cameras + part.camera) * folds + fold[part.node]
+            order = np.argsort(key, kind="stable")
+            starts = np.flatnonzero(np.diff(key[order], prepend=-1))
+            first = order[starts]
+            at, camera, number = index[first], part.camera[first], fold[part.node[first]]
+            np.add.at(
+                result,
+                (camera[:, None, None], np.arange(size)[:, None], at[:, None, :]),
+                np.swapaxes(np.add.reduceat(with_camera[order], starts), 1, 2),
+            )
+            among = np.add.reduceat(of_errors[order, :, lens : lens + index.shape[1]], starts)
+            np.add.at(own, (number[:, None, None], at[:, :, None], at[:, None, :]), among)
+            np.add.at(gradient, (fold[part.node][:, None], index), of_errors[:, :, -1])
+            row = part.node[:, None, None] * 6 + np.arange(6)[:, None]
+            with_node = np.swapaxes(by_pose @ by_node[part.view], 1, 2)
+            parts.append([axis.ravel() for axis in np.broadcast_arrays(with_node, row, index[:, None, :])])
         value, row, column = (np.concatenate(each) for each in zip(*parts, strict=True))
         nodes = coo_array((value, (row, column)), shape=(6 * observations.nodes, unknowns))
         nodes = nodes.toarray() if nodes.shape[0] * unknowns < _DENSE else nodes.tocsr()
         return _Sums(result.reshape(-1, unknowns), nodes, own, gradient)
+
+
+def extended_grams(
+    errors: SystematicErrors, observations: Observations, found: Adjustment, free: FreeParameters, noise: float
+) -> Iterator[tuple[ObservationGroup, Floats, Ints]]:
+    """Some Views at a time, their Gram matrices (V, K+E+7, K+E+7) over [lens columns, errors, step of
+    camera_from_rect, residual], the slack of Views eliminated, and which errors (V, E) act on them."""
+    chained = found.state.camera_from_rect(observations)
+    for group, moves in zip(observations.groups, errors.moves, strict=True):
+        for rows in _batches(len(group.view)):
+            part = group.part(rows)
+            gram = _gram(part, moves, rows, found, chained[part.view], noise)
+            if free.slack is not None and found.state.slack is not None:
+                gram = eliminate_slack(gram, found.state.slack[part.view], free.slack.information[part.view]).gram
+            yield part, gram, moves.index[rows]
 
 
 def _dense(matrix: "Floats | scipy.sparse.csr_array") -> Floats:

@@ -2,18 +2,21 @@
 
 Each rectangle pose belongs to one fold: framesets a fifth of the recording at a time, so that what a fold shares
 with its neighbours in time (a clock, a light, a bent board) is held out with it. The reduced normal equations are
-sums over rectangle poses, so holding a fold out is a subtraction: one Newton step gives the cameras without it, and
+sums over rectangle poses, so holding a fold out is a subtraction: one Newton step gives cameras, shapes of sheets and
+what lenses leave over without it, and
 the fold's own rectangle poses are fitted to them. Equal to a fit without the fold to second order (shown by a test
 against real refits).
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from quadrig.rig.adjustment.levenberg_marquardt import view_steps
+from quadrig.rig.adjustment.bordered import Border, border_of, extended_grams
+from quadrig.rig.adjustment.levenberg_marquardt import Adjustment, view_steps
 from quadrig.rig.adjustment.normal_equations import State, layout, linearise, normal_equations
-from quadrig.rig.adjustment.schur import Reduced, block_matrix, eliminate, node_steps, solve_cameras
+from quadrig.rig.adjustment.schur import Reduced, block_matrix, eliminate, node_steps, solve_for
 from quadrig.rig.joint.stages import Joint
 from quadrig.rig.problem.build import Problem
 from quadrig.rig.problem.observations import Observations
@@ -43,7 +46,8 @@ class CrossValidation:
 
 def cross_validate(problem: Problem, joint: Joint) -> CrossValidation:
     """Hold each fold out in turn."""
-    fold = _folds(problem)[joint.observations.node]
+    of_node = _folds(problem)
+    fold = of_node[joint.observations.node]
     count = int(fold.max(initial=-1)) + 1
     if count < 2:
         return CrossValidation(np.full(len(fold), np.nan), np.ones(joint.observations.cameras))
@@ -56,20 +60,35 @@ def cross_validate(problem: Problem, joint: Joint) -> CrossValidation:
     free = np.tile(joint.reduced.free, (count, 1))
     normal = normal_equations(copies, tables, fit, weighing)
     own = eliminate(normal, tables, free, free_nodes)
-    steps = np.concatenate([_steps_without(joint, own, number, fold == number) for number in range(count)])
-    gram, at_prediction = weighing, own
+    copied = replace(adjustment, state=fit, normal=normal, layout=tables)
+    border = border_of(joint.errors, copies, copied, joint.free, joint.noise, own, of_node)
+    without = [_without(joint, own, border, number, fold == number) for number in range(count)]
+    steps, errors = np.concatenate([each[0] for each in without]), np.array([each[1] for each in without])
+    at_prediction = own
     if adjustment.eliminated is not None:
         # What the rig says of the pictures has no View straying: another state, with derivatives of its own.
         gram = linearise(joint.observations, joint.predicted, adjustment.columns, joint.noise).gram
         normal = normal_equations(copies, tables, predicted, gram)
     if adjustment.eliminated is not None or not free_nodes.all():
         at_prediction = eliminate(normal, tables, free, np.ones_like(free_nodes))
-    poses = node_steps(normal, tables, at_prediction, steps)
+    followed = (border.passed @ errors.T).reshape(-1, 6, count)[np.arange(len(of_node)), :, of_node]
+    poses = node_steps(normal, tables, at_prediction, steps) - followed
     step = view_steps(copies, predicted, steps, poses, len(adjustment.columns))
-    residual = np.concatenate([step, -np.ones((len(step), 1))], axis=1)[:, None]
-    squares = (residual @ gram @ np.swapaxes(residual, -1, -2))[:, 0, 0]
+    squares = _squares(joint, replace(copied, state=predicted), copies, step, errors[fold])
     squares = squares * (joint.noise * problem.sigmas) ** 2 / problem.shares
-    return CrossValidation(squares, _dispersion(joint, own, count))
+    return CrossValidation(squares, _dispersion(joint, own, border, count))
+
+
+def _squares(joint: Joint, found: Adjustment, copies: Observations, step: Floats, errors: Floats) -> Floats:
+    """Sum of the weighted squared residuals (V,) after steps (V, K + 6) and of the errors (V, U), to first order."""
+    squares, lens = np.zeros(len(step)), len(found.columns)
+    firm = replace(joint.free, slack=None)
+    for part, gram, index in extended_grams(joint.errors, copies, found, firm, joint.noise):
+        own = np.take_along_axis(errors[part.view], index, axis=1)
+        seen = np.ones((len(own), 1))
+        row = np.concatenate([step[part.view, :lens], own, step[part.view, lens:], -seen], axis=1)[:, None]
+        squares[part.view] = (row @ gram @ np.swapaxes(row, 1, 2))[:, 0, 0]
+    return squares
 
 
 def _folds(problem: Problem) -> Ints:
@@ -90,9 +109,11 @@ def _folds(problem: Problem) -> Ints:
 
 
 def _copied(observations: Observations, fold: Ints, count: int) -> Observations:
+    cameras = observations.cameras
+    groups = tuple(replace(group, camera=group.camera + fold[group.view] * cameras) for group in observations.groups)
     return replace(
         observations,
-        groups=(),
+        groups=groups,
         camera=observations.camera + fold * observations.cameras,
         cameras=observations.cameras * count,
     )
@@ -104,10 +125,11 @@ def _copied_state(state: State, count: int) -> State:
     return replace(state, lens=state.lens[cameras], camera_from_rig=state.camera_from_rig[cameras], offsets=offsets)
 
 
-def _steps_without(joint: Joint, own: Reduced, number: int, out: Mask) -> Floats:
-    """Steps (C, M) of the cameras when the Views `out` (V,) of a fold are taken from the fit; nan if they must stay.
+def _without(joint: Joint, own: Reduced, border: Border, number: int, out: Mask) -> tuple[Floats, Floats]:
+    """Steps (C, M) of the cameras and (U,) of the systematic errors when the Views `out` (V,) of a fold are taken
+    from the fit; nan if they must stay.
 
-    own: the folds' reduced systems, of which this fold's is taken off the whole.
+    own, border: the folds' parts of the system, of which this fold's is taken off the whole.
     """
     whole, cameras = joint.reduced, joint.observations.cameras
     chosen = own.left // cameras == number
@@ -121,19 +143,28 @@ def _steps_without(joint: Joint, own: Reduced, number: int, out: Mask) -> Floats
         lens = len(joint.adjustment.columns)
         free = free.copy()
         free[0, lens : lens + 6] = False
+    all_views, size = joint.bordered.border, free.size
+    ties = (all_views.cameras - border.cameras[number * size : (number + 1) * size]) * free.ravel()[:, None]
+    information = all_views.information[0] - border.information[number] + joint.errors.information
+    pull = all_views.gradient[0] - border.gradient[number] - joint.errors.information @ joint.values
+    right = np.column_stack([np.where(free, gradient, 0.0).ravel(), ties])
     try:
-        return solve_cameras(replace(whole, blocks=blocks, gradient=gradient, free=free))
+        solved = solve_for(replace(whole, blocks=blocks, gradient=gradient, free=free), right)
+        errors = np.linalg.solve(information - ties.T @ solved[:, 1:], pull - ties.T @ solved[:, 0])
     except np.linalg.LinAlgError:
-        return np.full_like(gradient, np.nan)
+        return np.full_like(gradient, np.nan), np.full_like(pull, np.nan)
+    return (solved[:, 0] - solved[:, 1:] @ errors).reshape(free.shape), errors
 
 
-def _dispersion(joint: Joint, own: Reduced, count: int) -> Floats:
+def _dispersion(joint: Joint, own: Reduced, border: Border, count: int) -> Floats:
     """Variance (C,) between the folds of each camera's lens, as a multiple of what noise alone makes it.
 
-    With C the covariance, and D and g a fold's information and gradient at the optimum: the fold moves the cameras by
-    C g, of which the covariance is C (D - D C D) C (the infinitesimal jackknife; Jaeckel 1972). All cameras together
-    are measured by g' C g, each by its lens in units of the lens's own covariance: neither depends on where the rig
-    frame stands. A ratio counts for as many numbers as it was measured on, times the folds.
+    With C the covariance, D and g a fold's information and gradient at the optimum: the fold moves the cameras by C
+    g, of which the covariance is C (D - D C D) C (the infinitesimal jackknife; Jaeckel 1972). Of g its share, by
+    information, of the sum of all folds' gradients is taken off, which is what priors pull: folds that agree with one
+    another against a prior disagree on nothing. All cameras together are measured by g' C g, each by its lens in
+    units of the lens's own covariance: neither depends on where the rig frame stands. A ratio counts for as many
+    numbers as it was measured on, times the folds.
     """
     cameras, lens = joint.observations.cameras, len(joint.adjustment.columns)
     size = len(joint.covariance) // cameras
@@ -143,23 +174,49 @@ def _dispersion(joint: Joint, own: Reduced, count: int) -> Floats:
     def of_lens(matrix: Floats) -> Floats:
         return matrix.reshape(cameras, size, cameras, size)[each, :, each][:, :lens, :lens]
 
-    inverse = np.where(both, np.linalg.inv(np.where(both, of_lens(joint.covariance), np.eye(lens))), 0.0)
+    inverse = np.where(
+        both, np.linalg.inv(np.where(both, of_lens(joint.bordered.with_errors(joint.covariance)), np.eye(lens))), 0.0
+    )
+    covariance = joint.bordered.joint_covariance(joint.covariance)
+    parts = [_of_fold(own, border, number, cameras, size) for number in range(count)]
+    gradients = np.array([gradient for gradient, _ in parts])
+    moved = [product(covariance) for _, product in parts]
+    informed = np.array([np.trace(each) for each in moved])
+    share = informed / max(informed.sum(), np.finfo(float).tiny)
+    gradients -= share[:, None] * gradients.sum(axis=0)
+    total, every = cameras * size, sum(moved)
     seen, expected, together, by_chance = np.zeros(cameras), np.zeros(cameras), 0.0, 0.0
-    for number in range(count):
-        chosen = own.left // cameras == number
-        left, right = own.left[chosen] % cameras, own.right[chosen] % cameras
-        rows = slice(number * cameras, (number + 1) * cameras)
-        gradient = np.where(own.free[rows], own.gradient[rows], 0.0).ravel()
-        moved = joint.covariance @ gradient
-        together += float(gradient @ moved)
-        of_each = moved.reshape(cameras, 1, size)[:, :, :lens]
+    for number, own_share in enumerate(share):
+        step = covariance @ gradients[number]
+        together += float(gradients[number] @ step)
+        of_each = step[:total].reshape(cameras, 1, size)[:, :, :lens]
         seen += (of_each @ inverse @ np.swapaxes(of_each, 1, 2))[:, 0, 0]
-        pulled = block_matrix(own.blocks[chosen], left, right, cameras) @ joint.covariance
-        by_chance += float(np.trace(pulled) - (pulled * pulled.T).sum())
-        expected += (of_lens(joint.covariance @ (pulled - pulled @ pulled)) * inverse).sum(axis=(1, 2))
+        # D - D C D of the fold, less twice what it has in common with the sum of all, and that sum's own part.
+        spread = moved[number] - moved[number] @ moved[number]
+        spread -= 2 * own_share * (moved[number] - moved[number] @ every) - own_share**2 * (every - every @ every)
+        by_chance += float(np.trace(spread))
+        expected += (of_lens(covariance[:total] @ spread[:, :total]) * inverse).sum(axis=(1, 2))
     if not by_chance > 0:
         return np.ones(cameras)
     # Cameras of one rig are not independent: together they count for as much as one of them.
     weight, pooled_weight = count * np.maximum(expected, 0.0), count * by_chance / cameras
     pooled = (_TRUSTED + pooled_weight * together / by_chance) / (_TRUSTED + pooled_weight)
     return (_TRUSTED * pooled + count * seen) / (_TRUSTED + weight)
+
+
+def _of_fold(
+    own: Reduced, border: Border, number: int, cameras: int, size: int
+) -> tuple[Floats, Callable[[Floats], Floats]]:
+    """The gradient (C M + U,) of a fold, of cameras and systematic errors, and how to multiply its information
+    (C M + U, C M + U) with a matrix."""
+    chosen, total = own.left // cameras == number, cameras * size
+    rows = slice(number * cameras, (number + 1) * cameras)
+    ties = border.cameras[number * total : (number + 1) * total]
+    of_cameras = block_matrix(own.blocks[chosen], own.left[chosen] % cameras, own.right[chosen] % cameras, cameras)
+
+    def product(matrix: Floats) -> Floats:
+        upper = of_cameras @ matrix[:total] + ties @ matrix[total:]
+        return np.concatenate([upper, ties.T @ matrix[:total] + border.information[number] @ matrix[total:]])
+
+    gradient = np.where(own.free[rows], own.gradient[rows], 0.0).ravel()
+    return np.concatenate([gradient, border.gradient[number]]), product
