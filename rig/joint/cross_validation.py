@@ -76,7 +76,11 @@ def cross_validate(problem: Problem, joint: Joint) -> CrossValidation:
     step = view_steps(copies, predicted, steps, poses, len(adjustment.columns))
     squares = _squares(joint, replace(copied, state=predicted), copies, step, errors[fold])
     squares = squares * (joint.noise * problem.sigmas) ** 2 / problem.shares
-    return CrossValidation(squares, _dispersion(joint, own, border, count))
+    used = np.zeros(len(fold))
+    for group in joint.observations.groups:
+        used[group.view] = group.weights.sum(axis=1)
+    share = np.bincount(fold, used, count) / max(used.sum(), np.finfo(float).tiny)
+    return CrossValidation(squares, _dispersion(joint, own, border, share))
 
 
 def _squares(joint: Joint, found: Adjustment, copies: Observations, step: Floats, errors: Floats) -> Floats:
@@ -156,17 +160,17 @@ def _without(joint: Joint, own: Reduced, border: Border, number: int, out: Mask)
     return (solved[:, 0] - solved[:, 1:] @ errors).reshape(free.shape), errors
 
 
-def _dispersion(joint: Joint, own: Reduced, border: Border, count: int) -> Floats:
+def _dispersion(joint: Joint, own: Reduced, border: Border, share: Floats) -> Floats:
     """Variance (C,) between the folds of each camera's lens, as a multiple of what noise alone makes it.
 
     With C the covariance, D and g a fold's information and gradient at the optimum: the fold moves the cameras by C
-    g, of which the covariance is C (D - D C D) C (the infinitesimal jackknife; Jaeckel 1972). Of g its share, by
-    information, of the sum of all folds' gradients is taken off, which is what priors pull: folds that agree with one
+    g, of which the covariance is C (D - D C D) C (the infinitesimal jackknife; Jaeckel 1972). Of g its share (F,), by
+    weight, of the sum of all folds' gradients is taken off, which is what priors pull: folds that agree with one
     another against a prior disagree on nothing. All cameras together are measured by g' C g, each by its lens in
     units of the lens's own covariance: neither depends on where the rig frame stands. A ratio counts for as many
     numbers as it was measured on, times the folds.
     """
-    cameras, lens = joint.observations.cameras, len(joint.adjustment.columns)
+    cameras, lens, count = joint.observations.cameras, len(joint.adjustment.columns), len(share)
     size = len(joint.covariance) // cameras
     free = joint.reduced.free[:, :lens]
     both, each = free[:, :, None] & free[:, None, :], np.arange(cameras)
@@ -181,8 +185,6 @@ def _dispersion(joint: Joint, own: Reduced, border: Border, count: int) -> Float
     parts = [_of_fold(own, border, number, cameras, size) for number in range(count)]
     gradients = np.array([gradient for gradient, _ in parts])
     moved = [product(covariance) for _, product in parts]
-    informed = np.array([np.trace(each) for each in moved])
-    share = informed / max(informed.sum(), np.finfo(float).tiny)
     gradients -= share[:, None] * gradients.sum(axis=0)
     total, every = cameras * size, sum(moved)
     seen, expected, together, by_chance = np.zeros(cameras), np.zeros(cameras), 0.0, 0.0
