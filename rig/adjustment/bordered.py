@@ -74,7 +74,7 @@ def border_of(
     column = tables.pair_node[:, None, None] * 6 + np.arange(6)
     at = [axis.ravel() for axis in np.broadcast_arrays(row, column)]
     pairs = coo_array((found.normal.pairs.ravel(), at), shape=(cameras * size, 6 * nodes)).tocsr()
-    passed = node_inverse @ own.nodes
+    passed = node_inverse.tocsr() @ own.nodes
     border = np.where(reduced.free.ravel()[:, None], own.cameras - _dense(pairs @ passed), 0.0)
     information, gradient = own.errors, own.gradient
     pull = found.normal.node_gradient.ravel()

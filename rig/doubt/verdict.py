@@ -19,6 +19,8 @@ Grade = Literal["good", "with care", "not yet"]
 _BOWED = 3.3
 # Held-out framesets that miss this much more than those of the fit: the rig follows its noise, not the room.
 _OVERFITTED = 1.5
+# Pictures of the world leave this much (px) at best; sheets where no other was seen are foretold no better.
+_USUAL_RMS = 0.1
 PATTERN = 3.0
 """Residuals of a field that agree this much more than chance form a pattern: boards' own errors reach 2 on good real
 lenses."""
@@ -124,7 +126,7 @@ def _bowed(placed: PlacedRectangle) -> str:
 
 
 def _overfitted(rig: Rig, factor: float) -> bool:
-    return bool(np.isfinite(rig.held_out_rms) and rig.held_out_rms > factor * rig.rms)
+    return bool(np.isfinite(rig.held_out_rms) and rig.held_out_rms > factor * max(rig.rms, _USUAL_RMS))
 
 
 def contradiction_limit(views: Sequence[Disagreement]) -> float:

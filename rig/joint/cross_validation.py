@@ -28,6 +28,9 @@ _FOLDS = 5
 # folds of a recording are few, and what they disagree on shows in some ten of a camera's numbers.
 _TRUSTED = 20.0
 
+# Of an error that all its Views take with them, rounding leaves less than this share of what they said.
+_SEEN = 1e-9
+
 
 @dataclass(frozen=True, eq=False)
 class CrossValidation:
@@ -149,15 +152,19 @@ def _without(joint: Joint, own: Reduced, border: Border, number: int, out: Mask)
         free[0, lens : lens + 6] = False
     all_views, size = joint.bordered.border, free.size
     ties = (all_views.cameras - border.cameras[number * size : (number + 1) * size]) * free.ravel()[:, None]
-    information = all_views.information[0] - border.information[number] + joint.errors.information
+    seen = all_views.information[0] - border.information[number]
+    # A sheet that only this fold shows keeps its shape, as it keeps its pose: both are its own.
+    told = np.flatnonzero(np.diag(seen) > _SEEN * np.diag(all_views.information[0]))
     pull = all_views.gradient[0] - border.gradient[number] - joint.errors.information @ joint.values
-    right = np.column_stack([np.where(free, gradient, 0.0).ravel(), ties])
+    right = np.column_stack([np.where(free, gradient, 0.0).ravel(), ties[:, told]])
+    errors = np.zeros_like(pull)
     try:
         solved = solve_for(replace(whole, blocks=blocks, gradient=gradient, free=free), right)
-        errors = np.linalg.solve(information - ties.T @ solved[:, 1:], pull - ties.T @ solved[:, 0])
+        information = (seen + joint.errors.information)[np.ix_(told, told)] - ties[:, told].T @ solved[:, 1:]
+        errors[told] = np.linalg.solve(information, pull[told] - ties[:, told].T @ solved[:, 0])
     except np.linalg.LinAlgError:
         return np.full_like(gradient, np.nan), np.full_like(pull, np.nan)
-    return (solved[:, 0] - solved[:, 1:] @ errors).reshape(free.shape), errors
+    return (solved[:, 0] - solved[:, 1:] @ errors[told]).reshape(free.shape), errors
 
 
 def _dispersion(joint: Joint, own: Reduced, border: Border, share: Floats) -> Floats:
