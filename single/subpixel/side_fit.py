@@ -292,9 +292,9 @@ def _solved(pieces: _Pieces, seen: Mask, prior: Floats, uneven: float) -> tuple[
     # What hides a piece hides it wholly.
     variance = np.where(seen, np.maximum(pieces.variance, 1e-6), _HIDDEN)
     offset = np.where(seen, pieces.offset, 0)
-    ground = _ground(powers, variance, offset, np.linalg.inv(prior)) + (_GRAIN * uneven) ** 2
+    ground = _ground(powers, variance, offset, np.asarray(np.linalg.inv(prior), float)) + (_GRAIN * uneven) ** 2
     solve = np.swapaxes(powers, 1, 2) @ np.linalg.inv(variance[:, None] * np.eye(seen.shape[1]) + ground)
-    inverse = np.linalg.inv(prior + _diagonal(solve @ powers))
+    inverse = np.asarray(np.linalg.inv(prior + _diagonal(solve @ powers)), float)
     return (inverse @ (solve @ offset[..., None]).reshape(16)).reshape(4, 4), inverse
 
 

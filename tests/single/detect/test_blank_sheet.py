@@ -92,6 +92,8 @@ def test_a_corner_far_from_what_is_seen_says_so(scenes):
     image[y - 36 : y + 37, x - 36 : x + 37] = 120
     (view,) = detect_views(image, [sheet])
     corner = np.argmin(np.linalg.norm(view.pixels - truth[0], axis=1))
+    assert view.common is not None
+    assert open_view.common is not None
     more = np.linalg.norm(view.common, axis=1) - np.linalg.norm(open_view.common, axis=1)
     assert more[corner] > 0.5
     assert np.max(np.delete(more, corner)) < 0.1
