@@ -35,7 +35,7 @@ _DISTORTION = ("distortion", "distortion_coefficients", "Distortion_Coefficients
 _QUOTE = "\ue000"
 
 
-def opencv_files(rig: Rig, options: Options, suffix: str = ".yml") -> Files:  # noqa: ARG001
+def opencv_files(rig: Rig, options: Options, suffix: str = ".yml") -> Files:  # noqa: ARG001 - as every format is called
     """One file with camera_names and, for each camera NAME, <NAME>_image_size, _camera_matrix, _distortion, _model,
     _rig_from_camera (4x4) and the rvec and tvec of camera_from_rig, as cv::projectPoints takes them."""
     storage = cv2.FileStorage(suffix, cv2.FILE_STORAGE_WRITE | cv2.FILE_STORAGE_MEMORY)

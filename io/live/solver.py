@@ -157,6 +157,6 @@ def _leave_with_parent() -> None:
 
 def _warm_up() -> None:
     """Import what the first solution would import, while the person takes up the sheet."""
-    import networkx  # noqa: F401
+    import networkx  # noqa: F401 - the import is all that is wanted
     import scipy.linalg
-    import scipy.sparse.csgraph  # noqa: F401
+    import scipy.sparse.csgraph  # noqa: F401 - as above

@@ -28,7 +28,6 @@ _DIGITS = {
 }
 # A time without a unit that counts from 1970 says its unit by its size: this year is 1.7e9 s. Others are seconds.
 _UNITS_BY_SIZE = ((10**17, 0), (10**14, 3), (10**11, 6))
-_INSTANT_NS = 10**9
 
 
 @dataclass(frozen=True)

@@ -121,35 +121,6 @@ def adjust(
     )
 
 
-def with_noise(
-    found: Adjustment, observations: Observations, free: FreeParameters, before: float, after: float
-) -> Adjustment:
-    """The end of an adjustment by least squares without slack, as if the noise had been another (px).
-
-    Priors weigh otherwise then: the step to the new minimum is so short that the derivatives stay what they are.
-    """
-    gram = found.linearised.gram * (before / after) ** 2
-    found = replace(found, normal=_normal(observations, found, free, gram))
-    reduced = undamped(found, free)
-    steps = solve_cameras(reduced)
-    poses = node_steps(found.normal, found.layout, reduced, steps)
-    by_view = view_steps(observations, found.state, steps, poses, len(found.columns))
-    # The residuals after the step, to first order: r - J step.
-    shift = np.zeros_like(gram)
-    shift[:] = np.eye(gram.shape[-1])
-    shift[:, :-1, -1] = -by_view
-    gram = np.swapaxes(shift, -1, -2) @ gram @ shift
-    state = stepped(observations, found.columns, found.state, None, steps, poses)
-    linearised = replace(found.linearised, gram=gram, cost=float(gram[:, -1, -1].sum()))
-    moved = replace(found, state=state, linearised=linearised)
-    return replace(moved, normal=_normal(observations, moved, free, gram))
-
-
-def _normal(observations: Observations, found: Adjustment, free: FreeParameters, gram: Floats) -> Normal:
-    normal = normal_equations(observations, found.layout, found.state, gram)
-    return with_prior(normal, found.state, free, found.columns)
-
-
 @dataclass(frozen=True, eq=False)
 class _Adjusted:
     """What stays the same through one adjustment."""

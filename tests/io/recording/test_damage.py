@@ -52,7 +52,7 @@ def attempt(call: Callable, *given, **options) -> tuple[Any, str]:
 
 @pytest.fixture(scope="module")
 def recordings(tmp_path_factory, load_script, pictures):
-    writer = load_script("tests/io/recording/test_mcap_reader.py")
+    writer = load_script("tests/io/recording/messages/test_mcap_reader.py")
     folder = tmp_path_factory.mktemp("whole")
     for k, options in enumerate(writer.WRITERS.values()):
         writer.write(folder / f"{k}.mcap", pictures, **options)

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from quadrig.rig.adjustment.levenberg_marquardt import adjust, undamped, with_noise
+from quadrig.rig.adjustment.levenberg_marquardt import adjust, undamped
 from quadrig.rig.adjustment.normal_equations import State
 from quadrig.rig.adjustment.schur import (
     reduced_inverse,
@@ -127,19 +127,3 @@ def test_costs_fall_to_what_a_looser_end_only_comes_near(states, small):
     # What a further step was expected to bring is what was given up.
     assert fine.costs[-1] <= rough.costs[-1] < fine.costs[-1] + 20
     assert len(adjust(observations, start, free, 0.3, most_steps=2).costs) == 3
-
-
-def test_another_noise_is_the_same_as_having_had_it_from_the_start(states, small):
-    observations, truth = small
-    free = states.open_freedom(observations, truth)
-    found = adjust(observations, truth, free, 0.4)
-    moved, anew = with_noise(found, observations, free, 0.4, 0.3), adjust(observations, truth, free, 0.3)
-    sigma = np.sqrt(np.diagonal(reduced_inverse(undamped(anew, free)))).reshape(len(truth.lens), -1)
-    before, after = (np.abs(f.state.lens - anew.state.lens)[:, :5] / sigma[:, :5] for f in (found, moved))
-    # Priors weigh otherwise then: the minimum moves by tenths of a sigma, of which the second order is left.
-    assert np.median(after) < 0.2 * np.median(before)
-    assert after.max() < 0.05
-    once = np.sqrt(np.diagonal(reduced_inverse(undamped(moved, free)))).reshape(len(truth.lens), -1)
-    # A third less, as the noise is, and but for the second order.
-    np.testing.assert_allclose(once, sigma, rtol=0.02)
-    assert moved.linearised.cost == pytest.approx(anew.linearised.cost, rel=1e-4)
