@@ -6,12 +6,6 @@ five tags each, one frameset. one sheet: one moving sheet or board, two to seven
 court, corners pointed at by hand, the noise given. court: the three rectangles of a tennis court, whole, from each of
 three cameras, corners pointed at with the noise given. imperfect: rich, half of them waved with frames out of step
 and a rolling shutter.
-
-rich: a board waved through 20 to 40 framesets, a few tags. few Views: cameras that look inward or outward, two to
-five tags each, one frameset. one sheet: one moving sheet or board, two to seven framesets. clicked: rectangles of a
-court, corners pointed at by hand, the noise given. court: the three rectangles of a tennis court, whole, from each of
-three cameras, corners pointed at with the noise given. imperfect: rich, half of them waved with frames out of step
-and a rolling shutter.
 """
 
 import csv

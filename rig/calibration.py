@@ -153,7 +153,10 @@ def _with_sizes(solved: Solved, frame: str) -> tuple[Solved, list[str]]:
         before, after = (int(one.joint.inliers.rejected.sum()) for one in (solved, again))
         if after > before or (after == before and again.joint.noise >= solved.joint.noise):
             break
-        said.append(measured(wrong, again).sentence(solved.problem))
+        found = measured(wrong, again)
+        if not found.stands:
+            break
+        said.append(found.sentence(solved.problem))
         solved = again
     return solved, said
 

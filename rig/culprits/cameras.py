@@ -5,7 +5,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from quadrig.rig.doubt.misfit import noise_limit
+from quadrig.rig.culprits.pictures import in_a_quarter
+from quadrig.rig.doubt.misfit import misses
 from quadrig.rig.problem.build import Problem, build_problem
 from quadrig.rig.problem.connectivity import components
 from quadrig.rig.result import Rig
@@ -59,11 +60,12 @@ def contradicting_camera(problem: Problem, rig: Rig, solve: Solve) -> str | None
     group = next(g for g in components(problem) if rig.cameras[0].name in {problem.cameras[i].name for i in g})
     before = _Agreement.of(problem, rig)
     share, count = before.shares()
-    suspects = [i for i in sorted(group, key=lambda i: -share[i]) if share[i] >= _SUSPECT]
-    if len(group) < 3 or not suspects or (share * count)[group].sum() < 2:
+    fits = not misses(rig)
+    suspects = [i for i in sorted(group, key=lambda i: -share[i]) if share[i] >= _SUSPECT or not fits]
+    if len(group) < 3 or not suspects or (fits and (share * count)[group].sum() < 2):
         return None
     wrong = [i for i in suspects if count[i] > 1 and share[i] >= _CONTRADICTS]
-    if len(wrong) == len(suspects) == 1:
+    if fits and len(wrong) == len(suspects) == 1:
         return problem.cameras[wrong[0]].name
     trials = []
     for camera in suspects[:_TRIED]:
@@ -73,9 +75,10 @@ def contradicting_camera(problem: Problem, rig: Rig, solve: Solve) -> str | None
             others = before.shared(without=camera)
             after = _Agreement.of(left, rigs[0])
             mended = int((before.rejected & others).sum() - (after.rejected & after.shared()).sum())
-            trials.append((mended, camera in wrong, float(share[camera]), -camera))
-    mended, is_wrong, _, camera = max(trials, default=(0, False, 0.0, 0))
-    return problem.cameras[-camera].name if mended > 0 or is_wrong else None
+            agree = not fits and len(rigs[0].cameras) > 1 and not misses(rigs[0])
+            trials.append((agree, mended, camera in wrong, float(share[camera]), -camera))
+    agree, mended, is_wrong, _, camera = max(trials, default=(False, 0, False, 0.0, 0))
+    return problem.cameras[-camera].name if agree or mended > 0 or is_wrong else None
 
 
 def of_cameras(problem: Problem, kept: Sequence[int]) -> Problem:
@@ -92,12 +95,15 @@ def of_cameras(problem: Problem, kept: Sequence[int]) -> Problem:
 
 def why_it_contradicts(problem: Problem, name: str, alone: Rig | None, solve: Solve) -> str:
     """What is wrong with a camera that the others contradict, in words; empty where no more is known than that."""
-    if alone is None or alone.rms > np.sqrt(2) * noise_limit(alone):
+    if alone is None or misses(alone):
         by = "" if alone is None else f" (by itself it misses them by {alone.rms:.0f} px)"
         return (
             f"{name}: its corners are no pictures of the rectangles that they name, whatever its lens{by}: check the "
             "markings' names and sizes, and how its corners were found"
         )
+    size = in_a_quarter(problem, name)
+    if size:
+        return size
     for read_so in (False, True):
         flipped = _flipped(problem, name, read_so)
         rigs = solve(flipped)

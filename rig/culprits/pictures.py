@@ -28,6 +28,8 @@ _NOT_FLAT = 0.15
 _NO_PICTURES = 0.3
 # A corner of a picture of half the width and height: so much of it holds all Views of a camera whose size is doubled.
 _QUARTER = 0.55
+# So many places (a twentieth of the picture apart) are all in that quarter by chance once in some thousand cameras.
+_MANY_PLACES = 4
 # Principal points of real cameras lie within a tenth of the larger side of the middle.
 _OFF_CENTRE = 0.1
 
@@ -143,20 +145,37 @@ def no_pictures(problem: Problem) -> dict[str, str]:
 
 
 def size_sentences(rig: Rig) -> list[str]:
-    """The cameras whose corners and principal point both are those of a picture of half the width and height."""
+    """The cameras all of whose corners, in many places or with the principal point too, are those of a picture of
+    half the width and height."""
     sentences = []
     for camera in rig.cameras:
         lens = camera.intrinsics
-        size = np.array([lens.width, lens.height], float)
-        seen = [fit.view.pixels for fit in rig.fits if fit.view.camera == camera.name and not fit.rejected]
-        off = (lens.principal_point - image_middle(lens.width, lens.height)) / size.max()
-        if len(seen) < 2 or off.max() > 0 or off.min() > -_OFF_CENTRE:
-            continue
-        if (np.concatenate(seen) < _QUARTER * size).all():
-            x, y = lens.principal_point
-            sentences.append(
-                f"{camera.name}: all of its corners lie in the upper left quarter of its picture of "
-                f"{lens.width}x{lens.height}, and its principal point at ({x:.0f}, {y:.0f}): they were found in "
-                "pictures of another size; check its width and height"
-            )
+        views = [fit.view for fit in rig.fits if fit.view.camera == camera.name]
+        places = _places_in_quarter(views, (lens.width, lens.height))
+        off = (lens.principal_point - image_middle(lens.width, lens.height)) / max(lens.width, lens.height)
+        if places >= _MANY_PLACES or (places > 1 and off.max() < 0 and off.min() < -_OFF_CENTRE):
+            sentences.append(_quarter_words(camera.name, lens.width, lens.height))
     return sentences
+
+
+def in_a_quarter(problem: Problem, name: str) -> str:
+    """That all corners of a camera are those of a picture of half the width and height, in words; else empty."""
+    camera = next(one for one in problem.cameras if one.name == name)
+    views = [view for view in problem.views if view.camera == name]
+    if _places_in_quarter(views, (camera.width, camera.height)) < 2:
+        return ""
+    return _quarter_words(name, camera.width, camera.height)
+
+
+def _places_in_quarter(views: Sequence[View], size: tuple[int, int]) -> int:
+    """In how many places a camera's Views are, where all are in the upper left quarter of its picture; else 0."""
+    if not views or not (np.concatenate([view.pixels for view in views]) < _QUARTER * np.array(size)).all():
+        return 0
+    return len({tuple(np.round(view.pixels.mean(axis=0) / (_RIM * max(size))).astype(int)) for view in views})
+
+
+def _quarter_words(name: str, width: int, height: int) -> str:
+    return (
+        f"{name}: all of its corners lie in the upper left quarter of its picture of {width}x{height}, as if "
+        "they were found in pictures of another size; check its width and height"
+    )

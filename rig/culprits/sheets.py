@@ -18,6 +18,8 @@ from quadrig.single.view import View
 _LEAST = 0.015
 # Sigmas from which a size is off: of dozens of sheets in a hundred rigs none is by chance.
 _SURE = 5.0
+# Sigmas that are left of that once all are solved with the size open.
+_STANDS = 3.0
 # Of the Views of a rectangle, of what others saw too, so many are rejected where its size is wrong.
 _REJECTED = 0.5
 # Two cameras that see one rectangle agree on how it is turned to this (rad), and on where it is to this share of the
@@ -38,6 +40,11 @@ class WrongSize:
     factor: float
     sigma: float
     rivals: tuple[str, ...] = ()
+
+    @property
+    def stands(self) -> bool:
+        """Whether it is more than a misprint, and sure."""
+        return abs(self.factor - 1) > max(_LEAST, _STANDS * self.sigma)
 
     def sentence(self, problem: Problem) -> str:
         """What is wrong and what to check."""
@@ -65,7 +72,7 @@ def wrong_size(solved: Solved) -> WrongSize | None:
     off = _of_rejected(solved, linking)
     for row in np.flatnonzero(linking):
         error, sigma = scale[row]
-        if abs(error) > max(_SURE * sigma, _LEAST):
+        if _SMALLEST < 1 + error < _LARGEST and abs(error) > max(_SURE * sigma, _LEAST):
             off.setdefault(names[row], (1 + error, sigma))
     if not off:
         return None

@@ -24,10 +24,15 @@ def noise_limit(rig: Rig) -> float:
     return max(_FAR * sigma, _FAR_SHARE * side)
 
 
+def misses(rig: Rig) -> bool:
+    """Whether the Views miss the rig by far more than corners are unsure."""
+    return bool(np.isfinite(rig.rms) and rig.rms > np.sqrt(2) * noise_limit(rig))
+
+
 def misfits(rig: Rig) -> tuple[str, ...]:
     """In words: that the Views miss the rig by far more than corners are known to, or that most were rejected."""
     sentences = []
-    if np.isfinite(rig.rms) and rig.rms > np.sqrt(2) * noise_limit(rig):
+    if misses(rig):
         worst = max(rig.cameras, key=lambda camera: np.nan_to_num(camera.rms))
         sentences.append(
             f"Views miss the rig by {rig.rms:.1f} px ({worst.name} by {worst.rms:.1f} px), far more than corners are "
