@@ -155,6 +155,7 @@ def other_room(rng: np.random.Generator, made: Simulated) -> Planted:
 def half_pictures(rng: np.random.Generator, made: Simulated) -> Planted:
     """Pictures of half the size, with the lens of the whole ones."""
     planted = _of_camera(lambda _, v: replace(v, pixels=v.pixels / 2), ())(rng, made)
+    assert planted.culprit is not None
     index = made.index(planted.culprit)
     inputs = [
         replace(one, width=WIDTH // 2, height=HEIGHT // 2) if n == index else one

@@ -80,7 +80,7 @@ def radial_classes(values: Floats, weight: Floats) -> tuple[list[tuple[float, Fl
     means = [np.nanmedian(values[own], axis=0) for own in begun] + [(low + high) / 2]
     spreads = [np.diag(np.nanvar(values[own], axis=0) / 4 + _LEAST_SPREAD**2) for own in begun]
     spreads.append(np.diag(((high - low) / 2) ** 2))
-    share = np.full(4, 0.25)
+    share, belongs = np.full(4, 0.25), np.zeros((len(values), 4))
     for _ in range(_ROUNDS):
         log = np.stack([np.log(share[k]) + log_density(values, means[k], spreads[k]) for k in range(4)], axis=1)
         belongs = np.exp(log - np.logaddexp.reduce(log, axis=1)[:, None]) * weight[:, None]

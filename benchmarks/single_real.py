@@ -86,6 +86,7 @@ def main() -> None:
         if asked.which and not any(name.startswith(word) for word in asked.which):
             continue
         scores, sigmas, held, blind = [], [], 0, 0
+        least = most = np.nan
         for picture, (least, most), one in found:
             focal, sigma = one.intrinsics.focal, one.focal_sigma
             # A truth known to a range is as far off as the nearest end of it.

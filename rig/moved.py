@@ -82,7 +82,7 @@ def find_moved(
 
     false_alarms: the chance that any camera of a rig that did not move is called moved. Rectangles may have been put
     elsewhere; a motion of all cameras together is not seen. Where several moved, the one that explains most is found
-    first and the others are tested without it. Of a rig that does not know its doubt no camera can be told: the
+    first and the others are tested without it. Of a rig that does not know its doubt no camera is judged: the
     answers hold shifts with the sigma of the new Views alone. Raises QuadrigError where false_alarms is no chance.
     """
     names = [camera.name for camera in rig.cameras]

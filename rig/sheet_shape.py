@@ -20,13 +20,13 @@ at the ends of that side."""
 # Office printers keep each direction to about a tenth of a per cent, of which the ratio is half.
 _STRETCH_SIGMA = 0.00075
 # Half a millimetre over the length of an A4 sheet: paper on cardboard, or a panel. Its rim alone curls by about half
-# of it. All are the same for a sheet turned by half a turn: which end of a chessboard is which, no picture tells.
+# of it. All are the same for a sheet turned by half a turn: which end of a chessboard is which, no picture shows.
 _BEND_SIGMA, _CURL_SIGMA = 0.0017, 0.0008
 # Larger than this (m) it is no sheet but a wall or a floor, which stand off no further.
 _LARGEST_SHEET = 1.0
 # Sheets of a rig mostly come from one printer: so much of the variance of their scales is common.
 _COMMON_SCALE = 0.5
-# Points over a sheet that tell how far it stands off its plane.
+# Points over a sheet that say how far it stands off its plane.
 _GRID = 9
 
 
@@ -45,7 +45,7 @@ def shape_covariance(rectangles: Sequence[Rectangle]) -> Floats:
     """Covariance (7 R, 7 R) of the shapes of sheets before any picture, sheet by sheet."""
     count = len(SHAPE_PARAMETERS)
     own = np.array([0.0, _STRETCH_SIGMA, *[_BEND_SIGMA] * 3, *[_CURL_SIGMA] * 2])
-    covariance = np.kron(np.eye(len(rectangles)), np.diag(own**2))
+    covariance = np.asarray(np.kron(np.eye(len(rectangles)), np.diag(own**2)), float)
     scale = np.array([rectangle.scale_sigma for rectangle in rectangles])
     share = _COMMON_SCALE + (1 - _COMMON_SCALE) * np.eye(len(scale))
     covariance[::count, ::count] = share * scale * scale[:, None]

@@ -152,8 +152,8 @@ class Rectangle:
     world_from_rect: its surveyed pose (R', T' of Eq. 50), where there is one. back: it is seen from behind too, where
     the marking appears mirrored (on glass, or printed through).
     scale_sigma: how well its size is known, as a share of it: a printer's scale, or what was measured.
-    Raises QuadrigError where a side is not a positive length, the marking does not tell its back from its front, or
-    scale_sigma is not a small positive share.
+    Raises QuadrigError where a side is not a positive length, back is asked of a marking that looks the same from
+    there, or scale_sigma is not a small positive share.
     """
 
     name: str

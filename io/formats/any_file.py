@@ -1,4 +1,4 @@
-"""Rigs and lenses out of files of any format: told apart by what is in them."""
+"""Rigs and lenses out of files of any format: known by what is in them."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -19,7 +19,7 @@ from quadrig.single.lens import Intrinsics
 from quadrig.single.lens_prior import LensEvidence
 from quadrig.single.pose import Pose
 
-# Enough of a file to know it by: what tells formats apart stands in the first camera.
+# Enough of a file to know it by: what distinguishes formats stands in the first camera.
 _HEAD = 1 << 16
 # A rig of a thousand cameras with its covariance is smaller; what is larger was not meant for this.
 _LARGEST_FILE = 1 << 28

@@ -100,7 +100,7 @@ def _share(numbers: dict[str, Ints]) -> bool:
 
 
 def _has_clock(source: ImageFiles) -> bool:
-    """Whether EXIF tells all of a camera's pictures apart, as whole seconds do not tell those of a burst."""
+    """Whether EXIF distinguishes all of a camera's pictures, as whole seconds do not distinguish those of a burst."""
     return bool(np.all(source.taken > 0)) and len(np.unique(source.taken)) == len(source)
 
 

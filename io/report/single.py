@@ -47,7 +47,7 @@ def _focal_line(calibration: Calibration) -> str:
         return f"{focal:.1f} px (given)"
     low, high = calibration.focal_interval
     if calibration.reason == Reason.FOCAL_UNKNOWABLE:
-        return f"cannot be told from this picture; taken as {focal:.0f} px, from what lenses usually have"
+        return f"cannot be determined from this picture; taken as {focal:.0f} px, from what lenses usually have"
     return f"{focal:.1f} px +- {sigma:.1f} ({percent(sigma / focal)}); 95 %: {low:.0f} to {high:.0f} px"
 
 

@@ -36,7 +36,7 @@ DETECTIONS_TOPIC = "/quadrig/detections"
 FORMAT = 5
 """Raised when this record changes, so that old files are not taken for new ones."""
 
-# Of a recording or video, so many bytes from both ends tell it from another of the same size and time.
+# Of a recording or video, so many bytes from both ends distinguish it from another of the same size and time.
 _ENDS = 1 << 16
 # The sources of what makes detections of a picture: reading it, and searching it.
 _DETECTOR = ("single", "io/recording")

@@ -217,7 +217,7 @@ class _Sums:
             parts.append([axis.ravel() for axis in np.broadcast_arrays(with_node, row, index[:, None, :])])
         value, row, column = (np.concatenate(each) for each in zip(*parts, strict=True))
         nodes = coo_array((value, (row, column)), shape=(6 * observations.nodes, unknowns))
-        nodes = nodes.toarray() if nodes.shape[0] * unknowns < _DENSE else nodes.tocsr()
+        nodes = nodes.toarray() if 6 * observations.nodes * unknowns < _DENSE else nodes.tocsr()
         return _Sums(result.reshape(-1, unknowns), nodes, own, gradient)
 
 

@@ -51,7 +51,7 @@ def set_aside(cameras: Sequence[CameraInput], views: Sequence[View]) -> Sound:
     said, lost, sizes = [], {}, {camera.name: (camera.width, camera.height) for camera in cameras}
     outside = _outside(views, sizes)
     out = set()
-    for name in dict.fromkeys(views[i].camera for i in np.flatnonzero(outside > _RIM)):
+    for name in dict.fromkeys(view.camera for view, far in zip(views, outside, strict=True) if far > _RIM):
         own = [i for i, view in enumerate(views) if view.camera == name]
         near = [i for i in own if _RIM < outside[i] < _ABSURD]
         if len(near) > max(1, _OTHER_SIZE * len(own)):

@@ -154,17 +154,17 @@ def _without(joint: Joint, own: Reduced, border: Border, number: int, out: Mask)
     ties = (all_views.cameras - border.cameras[number * size : (number + 1) * size]) * free.ravel()[:, None]
     seen = all_views.information[0] - border.information[number]
     # A sheet that only this fold shows keeps its shape, as it keeps its pose: both are its own.
-    told = np.flatnonzero(np.diag(seen) > _SEEN * np.diag(all_views.information[0]))
+    shown = np.flatnonzero(np.diag(seen) > _SEEN * np.diag(all_views.information[0]))
     pull = all_views.gradient[0] - border.gradient[number] - joint.errors.information @ joint.values
-    right = np.column_stack([np.where(free, gradient, 0.0).ravel(), ties[:, told]])
+    right = np.column_stack([np.where(free, gradient, 0.0).ravel(), ties[:, shown]])
     errors = np.zeros_like(pull)
     try:
         solved = solve_for(replace(whole, blocks=blocks, gradient=gradient, free=free), right)
-        information = (seen + joint.errors.information)[np.ix_(told, told)] - ties[:, told].T @ solved[:, 1:]
-        errors[told] = np.linalg.solve(information, pull[told] - ties[:, told].T @ solved[:, 0])
+        information = (seen + joint.errors.information)[np.ix_(shown, shown)] - ties[:, shown].T @ solved[:, 1:]
+        errors[shown] = np.linalg.solve(information, pull[shown] - ties[:, shown].T @ solved[:, 0])
     except np.linalg.LinAlgError:
         return np.full_like(gradient, np.nan), np.full_like(pull, np.nan)
-    return (solved[:, 0] - solved[:, 1:] @ errors[told]).reshape(free.shape), errors
+    return (solved[:, 0] - solved[:, 1:] @ errors[shown]).reshape(free.shape), errors
 
 
 def _dispersion(joint: Joint, own: Reduced, border: Border, share: Floats) -> Floats:
@@ -193,7 +193,7 @@ def _dispersion(joint: Joint, own: Reduced, border: Border, share: Floats) -> Fl
     gradients = np.array([gradient for gradient, _ in parts])
     moved = [product(covariance) for _, product in parts]
     gradients -= share[:, None] * gradients.sum(axis=0)
-    total, every = cameras * size, sum(moved)
+    total, every = cameras * size, sum(moved, np.zeros_like(covariance))
     seen, expected, together, by_chance = np.zeros(cameras), np.zeros(cameras), 0.0, 0.0
     for number, own_share in enumerate(share):
         step = covariance @ gradients[number]

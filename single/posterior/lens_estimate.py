@@ -68,9 +68,12 @@ class LensPrior:
 
     def classes(self, focal: Floats) -> LensClasses:
         """The mixture for lenses of these focals (C,) px."""
-        count = len(focal)
         every = lens_classes(
-            [self.image_size] * count, focal, ["pinhole"] * count, own_focals=True, cropped=not self.held[1]
+            [self.image_size] * len(focal),
+            focal,
+            ["pinhole" for _ in focal],
+            own_focals=True,
+            cropped=not self.held[1],
         )
         return every.held(self.held, self.lens, self.sigma)
 
@@ -299,7 +302,7 @@ def _posterior(
     log += np.stack(evidence, axis=1) + np.log(_NOISE_WEIGHTS) + _NOISE_NODES**2 / 2
     log = np.where(np.isfinite(log), log, -np.inf)
     weight = np.exp(log - log.max())
-    density = np.bincount(node, weight.sum(axis=1), len(focals))
+    density = np.asarray(np.bincount(node, weight.sum(axis=1), len(focals)), float)
     quantiles, width = _quantiles(focals, density)
     weight = weight * width[node][:, None]
     weight = weight / weight.sum()

@@ -125,7 +125,7 @@ def stacked_views(views: Sequence[View]) -> LensViews:
     points, pixels = np.zeros((len(views), most, 3)), np.zeros((len(views), most, 2))
     seen = np.zeros((len(views), most), bool)
     for row, view in enumerate(views):
-        known, count = np.isfinite(view.pixels).all(axis=1), len(view.pixels)
+        known, count = np.all(np.isfinite(view.pixels), axis=1), len(view.pixels)
         points[row, :count], pixels[row, :count] = view.points, np.where(known[:, None], view.pixels, 0.0)
         seen[row, :count] = known
     sigma = np.array([view.expected_sigma for view in views])
@@ -307,9 +307,9 @@ def _freed_of_poses(numbers: Floats, poses: Pose, rows: _Rows, converged: Mask) 
     """The fits with what their rows say of lens and shape when the poses follow.
 
     By projection: differences of normal equations would leave information below zero where lens and pose are hard to
-    tell apart. Where a search ended short of its maximum, along a curved valley, the poses have a step left.
+    separate. Where a search ended short of its maximum, along a curved valley, the poses have a step left.
     """
-    whole = np.isfinite(rows.pose).all(axis=(-1, -2)) & np.isfinite(rows.own).all(axis=(-1, -2))
+    whole = np.all(np.isfinite(rows.pose), axis=(-1, -2)) & np.all(np.isfinite(rows.own), axis=(-1, -2))
     pose_rows = np.where(whole[..., None, None], rows.pose, 0.0)
     both = np.where(whole[..., None, None], np.concatenate([rows.own, rows.residuals[..., None]], axis=-1), 0.0)
     base, triangle = np.linalg.qr(pose_rows)
@@ -320,8 +320,8 @@ def _freed_of_poses(numbers: Floats, poses: Pose, rows: _Rows, converged: Mask) 
     across = both - base @ along
     across_t = np.swapaxes(across, -1, -2)
     square = (across_t @ across).sum(axis=1)
-    inverse = np.linalg.inv(_regular(triangle))
-    lost = ~whole.all(axis=1)
+    inverse = np.asarray(np.linalg.inv(_regular(triangle)), float)
+    lost = ~np.all(whole, axis=1)
     return LensFits(
         numbers[:, :9],
         numbers[:, 9:],

@@ -1,8 +1,8 @@
 """The tone curve of a picture from the bits of the tags in it.
 
 A curve after the lens's blur makes all white cells grow, or all shrink, by the same fraction of a pixel, while the
-print has them all of one size. So the inside of a tag, white on black and black on white, tells the curve of whatever
-kind, and what ink and paper add. An edge alone tells it by the shape of its profile only, ten times less surely.
+print has them all of one size. So the inside of a tag, white on black and black on white, shows the curve of whatever
+kind, and what ink and paper add. An edge alone shows it by the shape of its profile only, ten times less surely.
 """
 
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ from quadrig.single.subpixel.blurred_step import LEAST_NOISE, damped_step, soft_
 from quadrig.single.subpixel.local_homography import local_homographies, mapped
 from quadrig.single.subpixel.tone import Evidence, Tone, gamma_evidence
 
-# Places beside the edges of bits that are looked at, in so many tags at most: more tell gamma better than powers fit.
+# Places beside the edges of bits that are looked at, in so many tags at most: more give gamma better than powers fit.
 _PLACES, _TAGS = 720, 6
 # px beside three blurs within which an edge between bits is looked at.
 _BESIDE = 1.5
@@ -89,7 +89,7 @@ class _Fit:
     log_blur: Floats
 
     def step(self, parameters: Floats, tone: Tone, close: bool) -> tuple[Floats, Tone]:
-        """Parameters (N, 19) after a step of Gauss and Newton; where close, the tone after what they tell of it."""
+        """Parameters (N, 19) after a step of Gauss and Newton; where close, the tone after what they show of it."""
         light = tone.table()[self.seen.levels]
         if not parameters[:, 3].any():
             parameters[:, 0], parameters[:, 3] = np.percentile(light, 10, axis=1), np.ptp(light, axis=1)
@@ -105,13 +105,14 @@ class _Fit:
         pull[:, 18] += self.log_blur
         step, inverse = damped_step(jacobian, residual, weight, prior, pull)
         evidence = gamma_evidence(model, residual, jacobian, weight, inverse)
-        told = tone if not close else _told(tone, evidence, np.sqrt(variance.mean(axis=1)) < _UNEXPLAINED * contrast)
+        explained = np.sqrt(variance.mean(axis=1)) < _UNEXPLAINED * contrast
+        after = _updated(tone, evidence, explained) if close else tone
         if not close:
             # Edges are felt from afar as soft as they were taken to be.
             step[:, 18] = 0
         parameters = parameters + step
-        follow = evidence.follow * np.log(told.gamma / tone.gamma)
-        return _read_anew(parameters, follow, tone, told), told
+        follow = evidence.follow * np.log(after.gamma / tone.gamma)
+        return _read_anew(parameters, follow, tone, after), after
 
 
 def _beside_bits(bits: Floats, reach: float, count: int) -> Floats:
@@ -135,12 +136,12 @@ def _mixed_differences(bits: Floats) -> Singles:
     return np.diff(np.diff(padded, axis=1), axis=2).astype(np.float32)
 
 
-def _read_anew(parameters: Floats, follow: Floats, tone: Tone, told: Tone) -> Floats:
+def _read_anew(parameters: Floats, follow: Floats, tone: Tone, after: Tone) -> Floats:
     """The parameters as another tone has them. Dark, contrast and their slopes by the same grey values: in dark
     pictures the light changes by so much that its derivative by gamma does not say."""
     parameters = np.concatenate([parameters[:, :6], parameters[:, 6:] + follow[:, 6:]], axis=1)
-    dark = told.light(tone.grey(parameters[:, 0]))
-    contrast = told.light(tone.grey(parameters[:, 0] + parameters[:, 3])) - dark
+    dark = after.light(tone.grey(parameters[:, 0]))
+    contrast = after.light(tone.grey(parameters[:, 0] + parameters[:, 3])) - dark
     parameters[:, [1, 2, 4, 5]] *= (contrast / np.where(parameters[:, 3] == 0, 1, parameters[:, 3]))[:, None]
     parameters[:, 0], parameters[:, 3] = dark, contrast
     return parameters
@@ -207,7 +208,7 @@ def _model(parameters: Floats, seen: _Inside, corner_of: Singles) -> tuple[Singl
     return model, np.concatenate(parts, axis=1)
 
 
-def _told(tone: Tone, evidence: Evidence, explained: Mask) -> Tone:
+def _updated(tone: Tone, evidence: Evidence, explained: Mask) -> Tone:
     """The tone after the evidence of the tags that are what they are taken for."""
     pull, weight = float(evidence.pull[explained].sum()), float(evidence.weight[explained].sum())
     return tone.updated(pull, weight)

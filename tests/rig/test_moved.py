@@ -1,4 +1,4 @@
-"""Has a camera moved? False alarms and power as promised, and answers that say what cannot be told."""
+"""Has a camera moved? False alarms and power as promised, and answers that say what cannot be determined."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Motion between framesets: a parabola is followed exactly, and what cannot be told is not."""
+"""Motion between framesets: a parabola is followed exactly, and what cannot be determined is not."""
 
 import numpy as np
 import pytest

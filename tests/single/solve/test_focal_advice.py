@@ -47,8 +47,8 @@ def known(pose, centre_sigma=0.0):
 def advice(pose, relative_sigma, centre_sigma=0.0, lens=0.0):
     """lens: what the lens's own doubt adds, a share of the focal."""
 
-    def expected(other, *, centre_known=False, distortion_known=False):
-        bound = cramer_rao(CORNERS, FOCAL, other, CENTRE, NOISE, 0.0 if centre_known else centre_sigma)
+    def expected(pose, *, centre_known=False, distortion_known=False):
+        bound = cramer_rao(CORNERS, FOCAL, pose, CENTRE, NOISE, 0.0 if centre_known else centre_sigma)
         return float(np.hypot(np.sqrt(bound[0, 0]) / FOCAL, 0.0 if distortion_known else lens))
 
     return focal_advice(CORNERS, FOCAL, pose, expected, relative_sigma, centre_sigma, SIZE)

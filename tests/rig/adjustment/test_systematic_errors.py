@@ -1,0 +1,89 @@
+"""Errors that many corners share: taken off, Views are as they would be without them."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from quadrig.rig.adjustment.lens_remainder import degrees_of, field_basis
+from quadrig.rig.adjustment.normal_equations import residual_squares
+from quadrig.rig.adjustment.systematic_errors import sheet_values, systematic_errors
+from quadrig.rig.problem.build import build_problem
+from quadrig.rig.sheet_shape import SHAPE_PARAMETERS, shape_basis
+from quadrig.single.lens import project
+
+
+@pytest.fixture(scope="module")
+def made(simulated):
+    return simulated.simulate(5, simulated.Scene(cameras=3, framesets=12, tags=1))
+
+
+def bent(made, shapes):
+    """The same pictures, of sheets that are not what they are said to be."""
+    views = []
+    for view in made.views:
+        rectangle = next(r for r in made.rectangles if r.name == view.rectangle)
+        pose = made.world_from_rect[view.rectangle]
+        pose = pose[view.frameset] if rectangle.moving else pose
+        camera_from_rect = made.world_from_camera[made.index(view.camera)].inverse() @ pose
+        points = view.points + np.einsum("pki,k->pi", shape_basis(rectangle, view.points), shapes[view.rectangle])
+        lens = made.lenses[made.index(view.camera)]
+        located = camera_from_rect.transform(points)
+        views.append(replace(view, pixels=project(lens, located, "pinhole")))
+    return replace(made, views=tuple(views))
+
+
+def test_bent_sheets_are_seen_where_their_shape_has_them(made, states):
+    rng = np.random.default_rng(1)
+    shapes = {r.name: 0.002 * rng.normal(size=7) for r in made.rectangles}
+    seen = bent(made, shapes)
+    problem = states.problem_of(seen)
+    observations, truth = problem.observations(), states.true_state(seen, problem)
+    errors = systematic_errors(problem, observations)
+    values = np.zeros(len(errors.information))
+    values[: 7 * len(problem.rectangles)] = np.concatenate([shapes[name] for name in problem.rectangles])
+    missed = [
+        s[g.weights > 0] for g, s in zip(observations.groups, residual_squares(observations, truth), strict=True)
+    ]
+    assert np.sqrt(np.concatenate(missed).mean()) > 0.1
+    right = errors.corrected(observations, values)
+    for group, square in zip(right.groups, residual_squares(right, truth), strict=True):
+        assert square[group.weights > 0].max() < 1e-12
+    for name, shape in shapes.items():
+        own, _ = sheet_values(values, np.linalg.inv(errors.information), list(problem.rectangles), name)
+        np.testing.assert_array_equal(own, shape)
+
+
+def test_a_surveyed_sheet_bends_in_its_own_frame(made):
+    """Its points are those of the world, and so is the way they move."""
+    tag = next(r for r in made.rectangles if r.name == "tag0")
+    surveyed = replace(tag, world_from_rect=made.world_from_rect["tag0"])
+    rectangles = [surveyed if r.name == "tag0" else r for r in made.rectangles]
+    problem = build_problem(made.inputs, rectangles, made.views)
+    observations = problem.observations()
+    errors = systematic_errors(problem, observations)
+    row = list(problem.rectangles).index("tag0")
+    values = np.zeros(len(errors.information))
+    values[7 * row + SHAPE_PARAMETERS.index("bend_x")] = 0.01
+    index = next(i for i, view in enumerate(problem.views) if view.rectangle == "tag0")
+    pairs = zip(observations.groups, errors.corrected(observations, values).groups, strict=True)
+    group, right = next(pair for pair in pairs if index in pair[0].view)
+    at = group.view.tolist().index(index)
+    moved = (right.points - group.points)[at, : len(problem.views[index].points)]
+    # All four corners of a square stand off its plane by its bend.
+    np.testing.assert_allclose(
+        moved, np.tile(0.01 * 0.2 * surveyed.world_from_rect.rotation[:, 2], (4, 1)), atol=1e-12
+    )
+
+
+def test_remainders_are_what_the_fields_are_over_the_picture(made, simulated, states):
+    problem = states.problem_of(made)
+    errors = systematic_errors(problem, problem.observations())
+    values = np.random.default_rng(3).normal(size=len(errors.information))
+    size = np.array([simulated.WIDTH, simulated.HEIGHT])
+    pixels = np.stack(np.meshgrid(np.arange(0, size[0], 8), np.arange(0, size[1], 8)), axis=-1).reshape(-1, 2) + 3.5
+    basis = field_basis(degrees_of(len(problem.cameras)), pixels, size)
+    for rows, remainder in zip(errors.lens_rows, errors.remainders(values), strict=True):
+        across, down = np.split(values[rows], 2)
+        shifts = np.stack([basis @ across, basis @ down])
+        assert remainder == pytest.approx(np.sqrt((shifts**2).mean()), rel=0.02)
