@@ -43,8 +43,8 @@ def median_shift(made, jointly):
 def test_shifts_of_views_are_found_about_as_large_as_they_are(made, jointly):
     sigma = 0.0005
     shift, still = median_shift(strayed(made, sigma), jointly)
-    # Some 100 Views, three to a pose of the sheet that follows them, four cameras with a figure each: it came out 5 to
-    # 40 % too small in four rigs.
+    # Some 100 Views, three to a pose of the sheet that follows them, four cameras with a figure each: it came out 5 %
+    # to 40 % too small in four rigs.
     assert 0.6 * sigma < shift < 1.2 * sigma
     assert still < sigma / 3
 
