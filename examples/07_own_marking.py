@@ -11,7 +11,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from quadrig.io.config.rig_toml import parse_config
+from quadrig.io import parse_config
 from quadrig.single import (
     Capture,
     Floats,

@@ -48,7 +48,7 @@ def read_target(path: Path) -> Marking:
     try:
         return _READERS[kind](values)
     except KeyError as error:
-        raise QuadrigError(f"{path}: an {kind} target lacks {error.args[0]}; add it") from error
+        raise QuadrigError(f"{path}: the {kind} target lacks {error.args[0]}; add it") from error
     except (ValueError, QuadrigError) as error:
         raise QuadrigError(f"{path}: {error}") from error
 
