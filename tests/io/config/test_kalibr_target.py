@@ -61,7 +61,7 @@ def test_a_target_is_read_and_the_text_stands_alone(tmp_path, target, marking):
     ("target", "said"),
     [
         ("target_type: 'apriltag'\n", "board.yaml: target_type is 'apriltag'; it may be aprilgrid, checkerboard"),
-        (APRILGRID.replace("tagSize", "size"), "an aprilgrid target lacks tagSize"),
+        (APRILGRID.replace("tagSize", "size"), "the aprilgrid target lacks tagSize"),
         (APRILGRID.replace("0.088", "large"), "large"),
         (APRILGRID.replace("tagRows: 5", "tagRows: 500"), "has no tag"),
         (CHECKERBOARD.replace("colSpacingMeters: 0.06", "colSpacingMeters: 0.05"), "square ones only"),
