@@ -172,7 +172,7 @@ def _convert(
     if twice:
         raise QuadrigError(f"two cameras are called {twice!r}; name them with --camera NAME=VIDEO")
     if timestamps is not None:
-        cameras = with_timestamps(cameras, timestamps)
+        cameras = with_timestamps(cameras, timestamps, notes)
     elif camera:
         cameras = with_times(cameras, rate, notes)
     untimed = [one.name for one in cameras if not one.source.timed and one.frames > 1]

@@ -58,6 +58,11 @@ def _stamped(files: dict[str, ImageFiles], rate: float | None, notes: list[str])
         return {name: Stamped(source, stamps[name]) for name, source in files.items()}
     # Singles, as rig pick has them, are of one instant.
     if all(len(source) == 1 for source in files.values()):
+        if len(files) > 1 and len({name.rstrip("0123456789") for name in files}) == 1:
+            notes.append(
+                f"{len(files)} single pictures are taken as those of {len(files)} cameras at one instant; where one "
+                "camera took them, give their folder"
+            )
         return {name: Stamped(source, np.zeros(1, np.int64), timed=False) for name, source in files.items()}
     clocks = {name: source.taken for name, source in files.items()} if all(map(_has_clock, files.values())) else {}
     if clocks and (len(files) == 1 or _contradicts(numbers, clocks)):

@@ -41,12 +41,13 @@ class _Columns:
     digits: int | None
 
 
-def with_timestamps(cameras: Sequence[RecordedCamera], table: Path) -> list[RecordedCamera]:
+def with_timestamps(cameras: Sequence[RecordedCamera], table: Path, notes: list[str]) -> list[RecordedCamera]:
     """The cameras with the time stamps of a CSV, whose header says which column is the camera, the image, the time.
 
     A camera is named by its name, or the number that its name ends with; without such a column the table is that of
     the only camera. Rows are matched to images by the image's number where it counts from 0, else in its order.
-    A table that has instants (sync_index) and no times makes those the order of time.
+    A table that has instants (sync_index) and no times makes those the order of time. notes: takes a sentence for
+    each camera of whose images some have no row.
     Raises QuadrigError where table and cameras do not fit together.
     """
     rows, timed = _read_table(table)
@@ -58,6 +59,9 @@ def with_timestamps(cameras: Sequence[RecordedCamera], table: Path) -> list[Reco
         if not mine:
             known = ", ".join(rows)
             raise QuadrigError(f"{table}: no rows for camera {camera.name!r}; it has {known}")
+        if len(mine) < camera.frames:
+            left = f"{camera.frames - len(mine)} of {camera.frames} images have"
+            notes.append(f"camera {camera.name!r}: {left} no row in {table} and are left out")
         result.append(_with_stamps(camera, sorted(mine), table, timed))
     return result
 

@@ -84,6 +84,10 @@ def test_videos_to_mcap_with_a_table_of_times(tmp_path, pictures, capsys):
             assert shown(recording, camera.name, pictures) == list(range(12))
             assert camera.encoding == "jpeg"
     assert capsys.readouterr().err == ""
+    table.write_text("cam_id,frame_index,frame_time\n0,3,1.0\n1,3,1.0\n1,4,1.1\n")
+    assert run(["record", *videos, "--timestamps", str(table), "-o", str(tmp_path / "few.mcap")]) == 0
+    assert "'cam_0': 11 of 12 images have no row" in capsys.readouterr().err
+    assert [camera.frames for camera in open_recording([tmp_path / "few.mcap"]).cameras] == [1, 2]
     table.write_text("cam_id,frame_index,frame_time\n7,0,1.0\n")
     assert run(["record", *videos, "--timestamps", str(table), "-o", str(tmp_path / "no.mcap")]) == 1
     assert "no rows for camera 'cam_0'" in capsys.readouterr().err

@@ -55,6 +55,17 @@ def test_shared_numbers_are_instants_without_a_time(tmp_path, pictures):
     assert "pictures with the same number in their names are taken as one instant" in recording.notes[0]
 
 
+def test_singles_that_one_camera_may_have_taken_are_said_to_be_of_several(tmp_path, pictures):
+    for name in ("left01", "left02", "left03", "door"):
+        save(tmp_path / f"{name}.jpg", pictures.picture(0))
+    recording = open_recording(sorted(tmp_path.glob("left*.jpg")))
+    assert recording.notes == (
+        "3 single pictures are taken as those of 3 cameras at one instant; where one camera took them, give their "
+        "folder",
+    )
+    assert open_recording([tmp_path / "left01.jpg", tmp_path / "door.jpg"]).notes == ()
+
+
 def test_numbers_that_do_not_match_are_named_and_nothing_is_paired(tmp_path, pictures):
     recording = open_recording(folders(tmp_path, pictures, range(1000, 1006), range(1137, 1143)))
     assert recording.notes == (
