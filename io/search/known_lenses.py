@@ -57,8 +57,10 @@ def with_known_lenses(
                 f"camera {camera.name!r} has pictures of {camera.width}x{camera.height}, its lens is known for "
                 f"{size[0]}x{size[1]}; give a lens for this size"
             )
-        covariance = None if lens.evidence is not None else _stated(lens.covariance)
-        if lens.evidence is None and covariance is None and not keep:
+        # What Views said is for a lens that is estimated with it; one that is kept is held against its own doubt.
+        evidence = None if keep else lens.evidence
+        covariance = None if evidence is not None else _stated(lens.covariance)
+        if evidence is None and covariance is None and not keep:
             notes.append(
                 f"camera {camera.name!r}: its file does not say how sure its lens is, which is a first guess"
             )
@@ -67,7 +69,7 @@ def with_known_lenses(
                 camera,
                 intrinsics=lens.intrinsics,
                 lens_covariance=covariance,
-                lens_evidence=lens.evidence,
+                lens_evidence=evidence,
                 fixed=keep,
             )
         )

@@ -20,12 +20,14 @@ def freed(problem: Problem) -> Problem:
 
 
 def wrong_lenses(solved: Solved) -> set[str]:
-    """The cameras whose Views rule out the lens that was given, of those whose lens was estimated."""
+    """The cameras whose Views rule out the lens that was given, of those whose lens was estimated. What earlier Views
+    said is in no class of its own: whether these contradict them is known_lenses' to say."""
     improbable = solved.joint.priors.kinds[:, GIVEN_KIND] < _IMPROBABLE
     return {
         camera.name
         for camera, is_wrong in zip(solved.problem.cameras, improbable, strict=True)
         if is_wrong and camera.intrinsics is not None and not camera.fixed and camera.lens == "auto"
+        if camera.lens_evidence is None
     }
 
 

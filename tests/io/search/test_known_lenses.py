@@ -33,6 +33,13 @@ def test_what_views_said_goes_through_the_file(with_evidence, tmp_path):
     assert (cam0.lens_covariance, cam0.fixed, door, notes) == (None, False, INPUTS[1], [])
 
 
+def test_a_kept_lens_is_held_against_its_own_doubt(with_evidence, tmp_path):
+    write_rig(tmp_path / "rig.mcap", with_evidence)
+    (cam0, _), _ = with_known_lenses(INPUTS, read_known_lenses([str(tmp_path / "rig.mcap")]), keep=True)
+    assert (cam0.fixed, cam0.lens_evidence) == (True, None)
+    np.testing.assert_allclose(cam0.lens_covariance, with_evidence.lens_covariance("cam0"))
+
+
 def test_a_file_with_sigmas_alone_claims_no_more_than_any_correlation_allows(example_rig, tmp_path):
     (tmp_path / "rig.json").write_text(json_text(rig_values(example_rig)))
     (cam0, _), _ = with_known_lenses(INPUTS, read_known_lenses([str(tmp_path / "rig.json")]))

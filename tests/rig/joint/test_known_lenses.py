@@ -56,6 +56,25 @@ def test_two_steps_end_with_the_doubt_of_one(simulated):
     assert np.exp(np.mean(np.log(ratios))) == pytest.approx(1, abs=0.05)
 
 
+def test_lenses_whose_views_agree_are_not_accused(simulated):
+    site, rectangles, views = laboratory_and_site(simulated, 3)
+    laboratory = calibrate(site.inputs, rectangles, views)
+    inputs = known(site, laboratory, lens_evidence=lambda _, camera: camera.lens_evidence)
+    rig = calibrate(inputs, site.rectangles, site.views)
+    assert not any("lens that was" in sentence for sentence in rig.weak)
+
+
+def test_lenses_that_are_kept_are_the_same_after_as_before(simulated):
+    site, rectangles, views = laboratory_and_site(simulated, 3)
+    laboratory = calibrate(site.inputs, rectangles, views)
+    inputs = known(site, laboratory, lens_covariance=lambda rig, camera: rig.lens_covariance(camera.name))
+    rig = calibrate([replace(one, fixed=True) for one in inputs], site.rectangles, site.views)
+    assert not any("lens that was" in sentence for sentence in rig.weak)
+    for one in inputs:
+        np.testing.assert_array_equal(rig.camera(one.name).intrinsics.parameters, one.intrinsics.parameters)
+        assert rig.focal_sigma(one.name) == 0
+
+
 def test_without_the_laboratory_the_same_site_knows_less(simulated):
     site, rectangles, views = laboratory_and_site(simulated, 3)
     laboratory = calibrate(site.inputs, rectangles, views)
