@@ -18,6 +18,8 @@ _SMOOTHNESS = 3.0
 # Root mean square of the field (px in a picture 1280 px wide) over most lenses, and by which factor it varies; tried
 # at so many sizes.
 _USUAL, _FACTOR, _SIZES = 0.03, np.e, 41
+# Sizes that are tried, in powers of that factor.
+_SMALLEST, _LARGEST = -6.0, 4.0
 
 
 def degrees_of(cameras: int) -> Ints:
@@ -46,6 +48,11 @@ def shares_of(degrees: Ints) -> Floats:
     return share / max(share.sum(), 1e-300)
 
 
+def largest_field(width: float) -> float:
+    """Root mean square (px) of the largest field that is looked for: more is no lens's, and in no sigma."""
+    return float(_USUAL * width / 1280 * _FACTOR**_LARGEST)
+
+
 def usual_variance(width: float) -> float:
     """Mean square (px^2) of the field before any picture, of one coordinate."""
     return (_USUAL * width / 1280) ** 2 * float(np.exp(2 * np.log(_FACTOR) ** 2))
@@ -59,7 +66,7 @@ def learned_variance(information: Floats, pull: Floats, share: Floats, width: fl
     root = np.sqrt(share)
     values, axes = np.linalg.eigh(information * root * root[:, None])
     values, along = np.maximum(values, 0.0), (axes.T @ (root * pull)) ** 2
-    steps = np.linspace(-6.0, 4.0, _SIZES)
+    steps = np.linspace(_SMALLEST, _LARGEST, _SIZES)
     variance = (_USUAL * width / 1280 * _FACTOR**steps) ** 2
     grown = variance[:, None] * values
     evidence = 0.5 * (variance[:, None] * along / (1 + grown) - np.log1p(grown)).sum(axis=1) - 0.5 * steps**2

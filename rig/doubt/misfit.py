@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from quadrig.rig.adjustment.lens_remainder import largest_field
 from quadrig.rig.result import Rig
 from quadrig.single.arrays import Floats
 
@@ -30,8 +31,15 @@ def misses(rig: Rig) -> bool:
 
 
 def misfits(rig: Rig) -> tuple[str, ...]:
-    """In words: that the Views miss the rig by far more than corners are known to, or that most were rejected."""
-    sentences = []
+    """In words: that the Views miss the rig by far more than corners are known to, that most were rejected, or that
+    they fit only by what no lens leaves beside its model."""
+    sentences = [
+        f"{camera.name}: its Views fit only with {camera.remainder:.1f} px beside its lens model, more than any lens "
+        "leaves: its focal and sigmas are not to be believed; look whether a lens that was given is this camera's, "
+        "and show flat rectangles, tilted by 30 degrees to all sides"
+        for camera in rig.cameras
+        if camera.remainder > largest_field(camera.intrinsics.width)
+    ]
     if misses(rig):
         worst = max(rig.cameras, key=lambda camera: np.nan_to_num(camera.rms))
         sentences.append(

@@ -38,6 +38,15 @@ def test_large_pictures_may_miss_by_a_share_of_their_size(board_rig):
     assert noise_limit(replace(rig, cameras=large)) > 5 > noise_limit(rig)
 
 
+def test_what_no_lens_leaves_beside_its_model_is_not_yet(board_rig):
+    _, rig = board_rig
+    first, *others = rig.cameras
+    for field, is_absurd in ((0.5, False), (9.0, True)):
+        told = replace(rig, cameras=(replace(first, remainder=field), *others))
+        assert (verdict(told).grade == "not yet") == is_absurd
+        assert any("beside its lens model" in sentence for sentence in misfits(told)) == is_absurd
+
+
 def test_where_most_views_were_rejected_it_is_not_yet(board_rig):
     _, rig = board_rig
     out = tuple(replace(fit, rejected="off") for fit in rig.fits[: 2 * len(rig.fits) // 3])
