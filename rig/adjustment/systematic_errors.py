@@ -68,13 +68,6 @@ class SystematicErrors:
         groups = tuple(m.corrected(g, values) for m, g in zip(self.moves, observations.groups, strict=True))
         return replace(observations, groups=groups)
 
-    def remainders(self, values: Floats) -> Floats:
-        """Root mean square (C,) px, over the picture, of what each camera's lens adds to a coordinate beside its
-        model; nan where no field was looked for."""
-        if not self.lens_rows.size:
-            return np.full(len(self.lens_rows), np.nan)
-        return np.sqrt((values[self.lens_rows] ** 2).sum(axis=1) / 2)
-
     def with_learned_fields(self, information: Floats, pull: Floats) -> "SystematicErrors":
         """The same with priors of the lenses' fields as large as the Views make likely. information (U, U), pull
         (U,): what the Views say of the errors, quadratic about zero."""

@@ -11,6 +11,7 @@ from quadrig.rig.doubt.student import student_widening
 from quadrig.rig.doubt.weaknesses import weaknesses
 from quadrig.rig.doubt.working_accuracy import accuracy_of, covered_points
 from quadrig.rig.joint.cross_validation import cross_validate
+from quadrig.rig.joint.delivered_lens import DeliveredLenses, delivered_lenses
 from quadrig.rig.joint.known_lenses import with_evidence
 from quadrig.rig.joint.stages import Joint
 from quadrig.rig.joint.view_errors import view_error_variances
@@ -28,14 +29,13 @@ from quadrig.single.lens_prior import CLASS_NAMES
 _UNKNOWN_FOCAL = 0.2
 
 
-def cameras_of(problem: Problem, joint: Joint) -> tuple[Camera, ...]:
+def cameras_of(problem: Problem, joint: Joint, lenses: DeliveredLenses) -> tuple[Camera, ...]:
     """The cameras, with lens and pose but without the figures that need the Views' fits."""
     rig_from_camera = joint.adjustment.state.camera_from_rig.inverse()
     offsets = _clock_offsets(joint)
-    remainders = joint.errors.remainders(joint.values)
     cameras = []
     for row, given in enumerate(problem.cameras):
-        lens = joint.adjustment.state.lens[row]
+        lens = lenses.lens[row]
         free = tuple(name for name, is_free in zip(LENS_PARAMETERS, joint.free.lens[row], strict=True) if is_free)
         cameras.append(
             Camera(
@@ -45,7 +45,7 @@ def cameras_of(problem: Problem, joint: Joint) -> tuple[Camera, ...]:
                 free,
                 _lens_reason(given, joint.priors.kinds[row]),
                 clock_offset=float(offsets[row]),
-                remainder=float(remainders[row]),
+                remainder=float(lenses.remainder[row]),
             )
         )
     return tuple(cameras)
@@ -251,12 +251,13 @@ def assemble_rig(
     fit, without = squares_of(problem, joint), cross_validate(problem, joint)
     held_out = _predicted(without.squares, fit)
     view_errors = view_error_variances(problem, joint)
-    widened = joint.bordered.with_errors(widened_covariance(joint, without.widening, view_errors))
+    lenses = delivered_lenses(joint)
+    widened = widened_covariance(joint, without.widening, view_errors) + lenses.by_camera @ lenses.by_camera.T
     widened = with_weak_focals(joint, widened)
     student = student_widening(joint.freedom)
     covariance = student * (covariance + camera_covariance(joint, widened - joint.covariance))
     widening = student * float(without.widening.mean())
-    cameras = with_figures(cameras_of(problem, joint), fit, held_out, covariance)
+    cameras = with_figures(cameras_of(problem, joint, lenses), fit, held_out, covariance)
     cameras, contradicted = with_evidence(problem, joint, cameras, covariance)
     rectangles = rectangles_of(problem, joint, widening)
     # Who triangulates with the lenses alone does not know what they leave over.

@@ -30,7 +30,8 @@ def with_evidence(
     number = np.arange(len(cameras))
     blocks = covariance.reshape(len(cameras), CAMERA_PARAMETERS, len(cameras), CAMERA_PARAMETERS)
     own = blocks[number, :LENS, number, :LENS]
-    pulls, informations = lens_evidence(joint.priors, joint.free.lens, joint.adjustment.state.lens, own)
+    lens = np.array([camera.intrinsics.parameters for camera in cameras])
+    pulls, informations = lens_evidence(joint.priors, joint.free.lens, lens, own)
     result, sentences = [], []
     for row, (camera, given) in enumerate(zip(cameras, problem.cameras, strict=True)):
         seen = LensEvidence(pulls[row], informations[row])

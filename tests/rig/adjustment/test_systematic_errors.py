@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from quadrig.rig.adjustment.lens_remainder import degrees_of, field_basis
 from quadrig.rig.adjustment.normal_equations import residual_squares
 from quadrig.rig.adjustment.systematic_errors import sheet_values, systematic_errors
 from quadrig.rig.problem.build import build_problem
@@ -74,16 +73,3 @@ def test_a_surveyed_sheet_bends_in_its_own_frame(made):
     np.testing.assert_allclose(
         moved, np.tile(0.01 * 0.2 * surveyed.world_from_rect.rotation[:, 2], (4, 1)), atol=1e-12
     )
-
-
-def test_remainders_are_what_the_fields_are_over_the_picture(made, simulated, states):
-    problem = states.problem_of(made)
-    errors = systematic_errors(problem, problem.observations())
-    values = np.random.default_rng(3).normal(size=len(errors.information))
-    size = np.array([simulated.WIDTH, simulated.HEIGHT])
-    pixels = np.stack(np.meshgrid(np.arange(0, size[0], 8), np.arange(0, size[1], 8)), axis=-1).reshape(-1, 2) + 3.5
-    basis = field_basis(degrees_of(len(problem.cameras)), pixels, size)
-    for rows, remainder in zip(errors.lens_rows, errors.remainders(values), strict=True):
-        across, down = np.split(values[rows], 2)
-        shifts = np.stack([basis @ across, basis @ down])
-        assert remainder == pytest.approx(np.sqrt((shifts**2).mean()), rel=0.02)
