@@ -90,16 +90,18 @@ def border_of(
 class Bordered:
     """One step to the minimum over cameras, rectangle poses and systematic errors together.
 
-    values (U,): of the errors; covariance (U, U), and a root (U, U) of it. state: where the rest went. by_camera
-    (C M, U): by how much cameras move with each of U independent errors of one sigma. fall: of chi-square, that is
-    expected. effective: how many unknowns the errors count for, less what priors hold. data_information (U, U),
-    data_pull (U,): what the Views alone say of the errors, quadratic about errors of zero, cameras and poses
-    following.
+    values (U,): of the errors after it; covariance (U, U), and a root (U, U) of it. step (U,), camera_steps (C, M),
+    node_steps (N, 6): the step. by_camera (C M, U): by how much cameras move with each of U independent errors of one
+    sigma. fall: of chi-square, that is expected. effective: how many unknowns the errors count for, less what priors
+    hold. data_information (U, U), data_pull (U,): what the Views alone say of the errors, quadratic about errors of
+    zero, cameras and poses following.
     """
 
     values: Floats
     covariance: Floats
-    state: State
+    step: Floats
+    camera_steps: Floats
+    node_steps: Floats
     by_camera: Floats
     border: Border
     root: Floats
@@ -107,6 +109,12 @@ class Bordered:
     effective: float
     data_information: Floats
     data_pull: Floats
+
+    def part(self, observations: Observations, found: Adjustment, share: float) -> tuple[State, Floats]:
+        """State and values (U,) of the errors after a share of the step from the end of that adjustment."""
+        steps, poses = share * self.camera_steps, share * self.node_steps
+        state = stepped(observations, found.columns, found.state, found.eliminated, steps, poses)
+        return state, self.values - (1 - share) * self.step
 
     def with_errors(self, camera_covariance: Floats) -> Floats:
         """The covariance (C M, C M) of the cameras with the errors' doubt, from that without."""
@@ -156,7 +164,9 @@ def solve_bordered(
     return Bordered(
         values + step,
         covariance,
-        stepped(observations, found.columns, found.state, found.eliminated, steps, poses),
+        step,
+        steps,
+        poses,
         by_camera,
         border,
         root,

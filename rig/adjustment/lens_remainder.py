@@ -15,11 +15,12 @@ _FINEST, _COARSEST = 6, 2
 _MOST_NUMBERS = 1200
 # Variance falls with the degree to this power: the fields that splined lenses show beside radial polynomials do.
 _SMOOTHNESS = 3.0
+# Powers of that factor that are tried: from a ten-thousandth of a pixel to what no usable lens leaves beside its
+# model; more is another fault.
+_SMALLEST, _LARGEST = -6.0, 3.5
 # Root mean square of the field (px in a picture 1280 px wide) over most lenses, and by which factor it varies; tried
 # at so many sizes.
 _USUAL, _FACTOR, _SIZES = 0.03, np.e, 41
-# Sizes that are tried, in powers of that factor.
-_SMALLEST, _LARGEST = -6.0, 4.0
 
 
 def degrees_of(cameras: int) -> Ints:
@@ -48,6 +49,12 @@ def shares_of(degrees: Ints) -> Floats:
     return share / max(share.sum(), 1e-300)
 
 
+def _sizes(width: float) -> tuple[Floats, Floats]:
+    """Mean squares (S,) px^2 that are tried for a picture so wide, and the logarithms (S,) of their prior odds."""
+    steps = np.linspace(_SMALLEST, _LARGEST, _SIZES)
+    return (_USUAL * width / 1280 * _FACTOR**steps) ** 2, -0.5 * steps**2
+
+
 def largest_field(width: float) -> float:
     """Root mean square (px) of the largest field that is looked for: more is no lens's, and in no sigma."""
     return float(_USUAL * width / 1280 * _FACTOR**_LARGEST)
@@ -55,7 +62,8 @@ def largest_field(width: float) -> float:
 
 def usual_variance(width: float) -> float:
     """Mean square (px^2) of the field before any picture, of one coordinate."""
-    return (_USUAL * width / 1280) ** 2 * float(np.exp(2 * np.log(_FACTOR) ** 2))
+    variance, odds = _sizes(width)
+    return float(np.exp(odds) @ variance / np.exp(odds).sum())
 
 
 def learned_variance(information: Floats, pull: Floats, share: Floats, width: float) -> float:
@@ -66,9 +74,8 @@ def learned_variance(information: Floats, pull: Floats, share: Floats, width: fl
     root = np.sqrt(share)
     values, axes = np.linalg.eigh(information * root * root[:, None])
     values, along = np.maximum(values, 0.0), (axes.T @ (root * pull)) ** 2
-    steps = np.linspace(_SMALLEST, _LARGEST, _SIZES)
-    variance = (_USUAL * width / 1280 * _FACTOR**steps) ** 2
+    variance, odds = _sizes(width)
     grown = variance[:, None] * values
-    evidence = 0.5 * (variance[:, None] * along / (1 + grown) - np.log1p(grown)).sum(axis=1) - 0.5 * steps**2
+    evidence = 0.5 * (variance[:, None] * along / (1 + grown) - np.log1p(grown)).sum(axis=1) + odds
     weight = np.exp(evidence - evidence.max())
     return float(weight @ variance / weight.sum())

@@ -59,8 +59,12 @@ _SETTLED_NOISE = 1e-3
 _SAME_CLASSES = 0.0005
 # A step of sheets' shapes and tones that lowers chi-square by less moves no figure by a thousandth of its sigma.
 _SAME_ERRORS = 1e-5
+# A step that is expected to lower chi-square by less is too short to go wrong: a few sigmas of one number.
+_NEAR = 10.0
+# Times that a step is halved before it is given up.
+_HALVINGS = 8
 # Rounds of rejecting and taking back corners: the second rarely changes anything.
-_ROUNDS = 5
+_ROUNDS = 10
 
 
 @dataclass(frozen=True)
@@ -237,8 +241,9 @@ def _least_squares_stage(
         costs, noise = costs + found.costs, noise_of(*end.residuals, problem.expected_noise)
         again = inliers_of(seen, found.linearised.squares, found.state, free, noise)
         priors, free = _weighed(problem, priors, free, found, end.covariance)
-        errors = errors.with_learned_fields(end.bordered.data_information, end.bordered.data_pull)
-        state, values = end.bordered.state, end.bordered.values
+        state, values = _moved(errors, values, observations, used, found, free, noise, end.bordered)
+        if end.bordered.fall < _NEAR:
+            errors = errors.with_learned_fields(end.bordered.data_information, end.bordered.data_pull)
         seen = errors.corrected(observations, values)
         same = abs(np.log(noise / before)) < _SETTLED_NOISE and np.abs(priors.kinds - kinds).max() < _SAME_CLASSES
         if (same and again.same_points(inliers) and end.bordered.fall < _SAME_ERRORS) or rounds == _ROUNDS:
@@ -247,6 +252,10 @@ def _least_squares_stage(
         contradicted = _contradicted(problem, observations, inliers)
         if contradicted:
             return contradicted
+    if end.bordered.fall > _NEAR:
+        # Few Views of one camera may bend sheet, lens and focal against one another along a long valley: what was not
+        # reached is no solution, and the misfit stays in the noise.
+        state, values, seen = fit.adjustment.state, np.zeros_like(values), observations
     used = seen.with_weights(inliers.weights)
     adjustment = adjust(used, state, free, noise, most_steps=_MOST_STEPS, tables=fit.adjustment.layout)
     end = _end(errors, values, used, adjustment, free, noise)
@@ -269,6 +278,36 @@ def _least_squares_stage(
         values,
         end.bordered,
     )
+
+
+def _moved(
+    errors: SystematicErrors,
+    values: Floats,
+    observations: Observations,
+    used: Observations,
+    found: Adjustment,
+    free: FreeParameters,
+    noise: float,
+    bordered: Bordered,
+) -> tuple[State, Floats]:
+    """State and errors (U,) after the step, or after as much of it as lowers the cost: far from the minimum, where
+    few Views leave a focal open, the whole of it may not."""
+    if bordered.fall < _NEAR:
+        return bordered.part(used, found, 1.0)
+    weights = [group.weights for group in used.groups]
+
+    def cost(state: State, at: Floats) -> float:
+        seen = errors.corrected(observations, at).with_weights(weights)
+        tried = adjust(seen, state, free, noise, most_steps=0, tables=found.layout)
+        return tried.costs[-1] + float(at @ errors.information @ at)
+
+    here, share = cost(found.state, values), 1.0
+    for _ in range(_HALVINGS):
+        state, at = bordered.part(used, found, share)
+        if cost(state, at) < here:
+            return state, at
+        share /= 2
+    return found.state, values
 
 
 @dataclass(frozen=True, eq=False)
