@@ -6,6 +6,9 @@ import numpy as np
 
 from quadrig.single.errors import QuadrigError
 
+WRONG_SIZE = "the size that was given"
+"""How every sentence on a wrong size begins its complaint."""
+
 _METRES = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "in": 0.0254}
 
 

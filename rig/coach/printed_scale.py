@@ -8,6 +8,7 @@ from quadrig.rig.coach.fault import Fault
 from quadrig.rig.doubt.information import scaled_inverse
 from quadrig.rig.doubt.linear_rows import instances, pose_of, rows_of
 from quadrig.rig.result import CAMERA_PARAMETERS, Rig
+from quadrig.rig.words import WRONG_SIZE
 from quadrig.single.arrays import Floats
 
 # Printers err by more than this when they "fit to page" (94 to 98 %); a ruler reads an A4 sheet to 0.2 %.
@@ -29,7 +30,10 @@ class Scales:
 
 
 def scale_fault(rig: Rig) -> Fault | None:
-    """Whether two rectangles' sizes disagree, in words."""
+    """Whether two rectangles' sizes disagree, in words: the rig's own, where it has found it."""
+    said = [sentence for sentence in rig.weak if WRONG_SIZE in sentence]
+    if said:
+        return Fault("wrong scale", said[0])
     scales = relative_scales(rig)
     if scales is None:
         return None
@@ -77,7 +81,11 @@ def relative_scales(rig: Rig) -> Scales | None:
     covariance = np.zeros_like(normal)
     covariance[np.ix_(free, free)] = scaled_inverse(normal[np.ix_(free, free)])
     step = covariance @ gradient
-    return Scales(names, step[size:], np.sqrt(np.maximum(np.diag(covariance)[size:], 0)))
+    # What the rig has found of a sheet's scale already is no residual any more.
+    found = {placed.name: placed.shape.values[0] for placed in rig.rectangles if placed.shape is not None}
+    known = np.array([found.get(name, 0.0) for name in names])
+    ratio = step[size:] + known - known[0]
+    return Scales(names, ratio, np.sqrt(np.maximum(np.diag(covariance)[size:], 0)))
 
 
 def _reference_rows(rig: Rig) -> slice:

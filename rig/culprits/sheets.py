@@ -10,6 +10,7 @@ from quadrig.rig.joint.clock_rounds import Solved
 from quadrig.rig.problem.build import Problem, build_problem
 from quadrig.rig.sheet_shape import SHAPE_PARAMETERS
 from quadrig.rig.start.lenses_and_poses import first_cameras
+from quadrig.rig.words import WRONG_SIZE
 from quadrig.single.arrays import Floats, Ints, Mask
 from quadrig.single.lens import Intrinsics
 from quadrig.single.view import View
@@ -54,11 +55,11 @@ class WrongSize:
         if self.rivals:
             others = " and ".join(repr(name) for name in self.rivals)
             return (
-                f"{self.name!r} or {others}: the size that was given is wrong, {self.name!r} being {change} {larger} "
+                f"{self.name!r} or {others}: {WRONG_SIZE} is wrong, {self.name!r} being {change} {larger} "
                 f"beside {others}; all lengths are as unsure as that: measure both"
             )
         return (
-            f"{self.name!r}: the size that was given, {size.width:.4g} x {size.height:.4g} m, is wrong: beside the "
+            f"{self.name!r}: {WRONG_SIZE}, {size.width:.4g} x {size.height:.4g} m, is wrong: beside the "
             f"other rectangles it is {change} {larger}, which was taken; measure it"
         )
 

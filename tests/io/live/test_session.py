@@ -101,8 +101,8 @@ def test_a_sheet_printed_at_the_wrong_scale_is_said_in_a_session(tmp_path, room)
             grey = render_image(room.grid(camera), frame, sheets, samples=2, capture=room.USUAL, colour=False)
             pictures[-1] += [grey] * 2
     said = said_of(tmp_path, pictures, config)
-    assert heard(said, "small is ")
-    assert heard(said, "% smaller than its size in rig.toml says")
+    assert heard(said, "'small'")
+    assert heard(said, "the size that was given is wrong")
 
 
 LATE = 0.040

@@ -110,7 +110,7 @@ def test_the_step_is_that_of_the_dense_system(both):
     expected = both.step
     away = (both.bordered.values - expected[both.last :]) / sigma[both.last :]
     assert np.abs(away).max() < 1e-2
-    lens = (both.bordered.state.lens - both.found.state.lens)[:, :LENS]
+    lens = both.bordered.camera_steps[:, :LENS]
     by_camera = expected[: both.first].reshape(len(lens), -1)
     spread = sigma[: both.first].reshape(len(lens), -1)
     assert np.abs((lens - by_camera[:, :LENS]) / spread[:, :LENS]).max() < 1e-2

@@ -54,5 +54,4 @@ def test_the_size_of_a_field_is_learned_where_views_show_it_and_is_the_usual_one
     # Of 50 numbers a variance is known to a fifth.
     assert np.median(learned) == pytest.approx(true**2, rel=0.2)
     blind = learned_variance(np.zeros((len(share), len(share))), np.zeros(len(share)), share, 1280.0)
-    # Sizes are tried up to four factors: the tail beyond holds some hundredths of the mean.
-    assert blind == pytest.approx(usual_variance(1280.0), rel=0.05)
+    assert blind == pytest.approx(usual_variance(1280.0))
