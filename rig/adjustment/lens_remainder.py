@@ -17,10 +17,10 @@ _MOST_NUMBERS = 1200
 _SMOOTHNESS = 3.0
 # Powers of that factor that are tried: from a ten-thousandth of a pixel to what no usable lens leaves beside its
 # model; more is another fault.
-_SMALLEST, _LARGEST = -6.0, 3.5
+_SMALLEST, _LARGEST = -8.0, 5.0
 # Root mean square of the field (px in a picture 1280 px wide) over most lenses, and by which factor it varies; tried
 # at so many sizes.
-_USUAL, _FACTOR, _SIZES = 0.03, np.e, 41
+_USUAL, _FACTOR, _SIZES = 0.03, 2.0, 41
 
 
 def degrees_of(cameras: int) -> Ints:
