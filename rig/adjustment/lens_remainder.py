@@ -10,7 +10,7 @@ import numpy as np
 from quadrig.single.arrays import Floats, Ints
 
 # Degree of the finest field, and the first degree that no lens model has.
-_FINEST, _COARSEST = 6, 2
+_FINEST, _COARSEST = 4, 2
 # So many numbers of all cameras together, at most: the border's matrix is dense.
 _MOST_NUMBERS = 1200
 # Variance falls with the degree to this power: the fields that splined lenses show beside radial polynomials do.
