@@ -26,7 +26,8 @@ def reduced(grey: Picture, scale: float) -> Picture:
     """The picture at a smaller scale, each pixel the mean of what it covers; itself at a scale of 1."""
     if scale == 1:
         return grey
-    return np.asarray(cv2.resize(grey, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA), np.uint8)
+    width, height = (max(1, round(side * scale)) for side in grey.shape[::-1])
+    return np.asarray(cv2.resize(grey, (width, height), interpolation=cv2.INTER_AREA), np.uint8)
 
 
 def window_around(grey: Picture, pixels: Floats) -> tuple[Picture, Floats]:

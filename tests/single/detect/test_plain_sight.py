@@ -99,7 +99,13 @@ def test_nothing_stands_out_where_nothing_is():
     rng = np.random.default_rng(2)
     noise = rng.integers(0, 255, (480, 640)).astype(np.uint8)
     scene = cv2.GaussianBlur(noise, (0, 0), 6)
-    empty = [np.full((480, 640), 90, np.uint8), noise, scene, np.zeros((1, 1), np.uint8)]
+    empty = [
+        np.full((480, 640), 90, np.uint8),
+        noise,
+        scene,
+        np.zeros((1, 1), np.uint8),
+        np.zeros((1, 4000), np.uint8),
+    ]
     assert plain_sight(empty, [bearing(BOARD), bearing(ChessboardMarking(9, 6, 0.03))]) is None
 
 
