@@ -4,6 +4,7 @@ A USD camera looks along -z with y up and knows no distortion; its aperture is t
 """
 
 import json
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -75,34 +76,34 @@ def read_usd(path: Path) -> Held:
     Raises QuadrigError where usd-core is not installed, or a camera does not say its picture's size.
     """
     try:
-        from pxr import Tf, Usd  # pyright: ignore[reportMissingImports]
+        # Its modules have no types.
+        tf, usd = (import_module(f"pxr.{name}") for name in ("Tf", "Usd"))
     except ImportError as error:
         raise QuadrigError(f"{path}: USD needs usd-core; install it with: pip install 'quadrig[usd]'") from error
     try:
-        return _read_stage(Usd.Stage.Open(str(path)), path)
-    except Tf.ErrorException as error:
+        return _read_stage(usd.Stage.Open(str(path)), path)
+    except tf.ErrorException as error:
         raise ValueError("it is no USD stage, or a damaged one") from error
 
 
 def _read_stage(stage: Any, path: Path) -> Held:
-    from pxr import Usd, UsdGeom  # pyright: ignore[reportMissingImports]
-
-    places = UsdGeom.XformCache(Usd.TimeCode.EarliestTime())
+    usd, geometry = (import_module(f"pxr.{name}") for name in ("Usd", "UsdGeom"))
+    places = geometry.XformCache(usd.TimeCode.EarliestTime())
     carrier = stage.GetPrimAtPath("/Rig")
     world_from_rig = np.array(places.GetLocalToWorldTransform(carrier)).T if carrier else np.eye(4)
     lenses, poses = {}, {}
     for prim in stage.Traverse():
-        if prim.IsA(UsdGeom.Camera):
+        if prim.IsA(geometry.Camera):
             size, name = prim.GetAttribute("quadrig:imageSize").Get(), prim.GetAttribute("quadrig:name").Get()
             name, where = name or prim.GetName(), f"{path}: camera {prim.GetPath()}"
             if size is None:
                 raise QuadrigError(f"{where} does not say its picture's size; give it an int2 quadrig:imageSize")
-            seen = UsdGeom.Camera(prim).GetCamera(Usd.TimeCode.EarliestTime())
+            seen = geometry.Camera(prim).GetCamera(usd.TimeCode.EarliestTime())
             lenses[name] = _lens_of(seen, (size[0], size[1]), where)
             world_from_graphics = np.array(places.GetLocalToWorldTransform(prim)).T
             rig_from_graphics = np.asarray(np.linalg.solve(world_from_rig, world_from_graphics), float)
             poses[name] = pose_of(rig_from_graphics, where) @ GRAPHICS
-    metres = UsdGeom.GetStageMetersPerUnit(stage) if UsdGeom.StageHasAuthoredMetersPerUnit(stage) else None
+    metres = geometry.GetStageMetersPerUnit(stage) if geometry.StageHasAuthoredMetersPerUnit(stage) else None
     return Held(lenses, poses, unit=metres)
 
 

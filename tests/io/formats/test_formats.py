@@ -7,6 +7,7 @@ import sys
 import tomllib
 import xml.etree.ElementTree as ElementTree
 from dataclasses import replace
+from importlib import import_module
 from types import ModuleType, SimpleNamespace
 from typing import Any
 
@@ -269,16 +270,16 @@ def test_mrcal_reads_its_own(rig, tmp_path):
 
 def test_usd_cameras_see_the_same(pinholes, tmp_path):
     pytest.importorskip("pxr", reason="USD's own reader is usd-core")
-    from pxr import Gf, Usd, UsdGeom  # pyright: ignore[reportMissingImports]
+    gf, usd, geometry = (import_module(f"pxr.{name}") for name in ("Gf", "Usd", "UsdGeom"))
 
     [path] = written(tmp_path, pinholes, "usd")
-    stage = Usd.Stage.Open(str(path))
-    world_from_rig = UsdGeom.Xformable(stage.GetPrimAtPath("/Rig")).ComputeLocalToWorldTransform(0)
-    assert (UsdGeom.GetStageMetersPerUnit(stage), UsdGeom.GetStageUpAxis(stage)) == (1, "Y")
+    stage = usd.Stage.Open(str(path))
+    world_from_rig = geometry.Xformable(stage.GetPrimAtPath("/Rig")).ComputeLocalToWorldTransform(0)
+    assert (geometry.GetStageMetersPerUnit(stage), geometry.GetStageUpAxis(stage)) == (1, "Y")
     for camera in pinholes.cameras:
-        seen = UsdGeom.Camera(stage.GetPrimAtPath(f"/Rig/{camera.name}")).GetCamera(0)
+        seen = geometry.Camera(stage.GetPrimAtPath(f"/Rig/{camera.name}")).GetCamera(0)
         window = seen.frustum.ComputeViewMatrix() * seen.frustum.ComputeProjectionMatrix()
-        sides = np.array([window.Transform(world_from_rig.Transform(Gf.Vec3d(*point)))[:2] for point in POINTS])
+        sides = np.array([window.Transform(world_from_rig.Transform(gf.Vec3d(*point)))[:2] for point in POINTS])
         pixels = (sides * [1, -1] + 1) / 2 * [1280, 720] - 0.5
         assert_pixels(pixels, camera, 3e-4)  # its lenses are float32: 700 px to seven digits
 

@@ -37,6 +37,7 @@ def test_a_kept_lens_is_held_against_its_own_doubt(with_evidence, tmp_path):
     write_rig(tmp_path / "rig.mcap", with_evidence)
     (cam0, _), _ = with_known_lenses(INPUTS, read_known_lenses([str(tmp_path / "rig.mcap")]), keep=True)
     assert (cam0.fixed, cam0.lens_evidence) == (True, None)
+    assert cam0.lens_covariance is not None
     np.testing.assert_allclose(cam0.lens_covariance, with_evidence.lens_covariance("cam0"))
 
 
