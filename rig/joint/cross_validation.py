@@ -194,6 +194,7 @@ def _dispersion(joint: Joint, own: Reduced, border: Border, share: Floats) -> Fl
     moved = [product(covariance) for _, product in parts]
     gradients -= share[:, None] * gradients.sum(axis=0)
     total, every = cameras * size, sum(moved, np.zeros_like(covariance))
+    of_all = every - every @ every
     seen, expected, together, by_chance = np.zeros(cameras), np.zeros(cameras), 0.0, 0.0
     for number, own_share in enumerate(share):
         step = covariance @ gradients[number]
@@ -202,7 +203,7 @@ def _dispersion(joint: Joint, own: Reduced, border: Border, share: Floats) -> Fl
         seen += (of_each @ inverse @ np.swapaxes(of_each, 1, 2))[:, 0, 0]
         # D - D C D of the fold, less twice what it has in common with the sum of all, and that sum's own part.
         spread = moved[number] - moved[number] @ moved[number]
-        spread -= 2 * own_share * (moved[number] - moved[number] @ every) - own_share**2 * (every - every @ every)
+        spread -= 2 * own_share * (moved[number] - moved[number] @ every) - own_share**2 * of_all
         by_chance += float(np.trace(spread))
         expected += (of_lens(covariance[:total] @ spread[:, :total]) * inverse).sum(axis=(1, 2))
     if not by_chance > 0:
