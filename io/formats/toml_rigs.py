@@ -4,7 +4,6 @@ Each camera has size, matrix, distortions (OpenCV's), and rotation (a rotation v
 camera_from_rig. Nothing in anipose's file says the unit; freemocap's is the millimetre, the others' the metre.
 """
 
-import json
 import tomllib
 from collections.abc import Sequence
 from pathlib import Path
@@ -13,6 +12,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
+from quadrig.io.config.toml_lines import toml_line
 from quadrig.io.formats.format import Files, Held, Options, coefficients, lens_of
 from quadrig.rig.result import Camera, Rig
 from quadrig.single.errors import QuadrigError
@@ -97,12 +97,8 @@ def _values(camera: Camera, unit: float = 1.0) -> dict[str, Any]:
 
 
 def _toml(tables: dict[str, dict[str, Any]]) -> str:
-    """Tables of numbers, words and lists, which TOML writes as JSON does."""
-    parts = [
-        "\n".join([f"[{key}]", *(f"{name} = {json.dumps(value)}" for name, value in table.items()), ""])
-        for key, table in tables.items()
-    ]
-    return "\n".join(parts)
+    parts = [[f"[{key}]", *(toml_line(*entry) for entry in table.items()), ""] for key, table in tables.items()]
+    return "\n".join("\n".join(lines) for lines in parts)
 
 
 def is_toml_rig(_path: Path, head: bytes) -> bool:
