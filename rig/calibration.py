@@ -5,14 +5,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from quadrig.rig.culprits.cameras import Solve, contradicting_camera, of_cameras, why_it_contradicts
+from quadrig.rig.culprits.cameras import Solve, contradicting_camera, why_it_contradicts
 from quadrig.rig.culprits.lenses import freed, lens_sentences, wrong_lenses
 from quadrig.rig.culprits.pictures import no_pictures, set_aside, size_sentences
 from quadrig.rig.culprits.sheets import measured, resized, wrong_size
 from quadrig.rig.joint.assemble import assemble_rig, camera_covariance
 from quadrig.rig.joint.clock_rounds import Solved, solve_with_clocks
 from quadrig.rig.joint.stages import Contradicted
-from quadrig.rig.problem.build import Problem, absurd_sentence, absurd_views, build_problem
+from quadrig.rig.problem.build import Problem, absurd_sentence, absurd_views, build_problem, of_cameras
 from quadrig.rig.problem.camera_input import CameraInput
 from quadrig.rig.problem.connectivity import components, contradiction, missing_cameras, refuse
 from quadrig.rig.result import Rig

@@ -11,7 +11,7 @@ from quadrig.rig.adjustment.schur import dense_matrix
 from quadrig.rig.adjustment.twist_jacobians import step_by_camera_twist
 from quadrig.rig.joint.assemble import assemble_rig, camera_covariance
 from quadrig.rig.joint.stages import Contradicted, Joint, solve_jointly
-from quadrig.rig.problem.build import Problem, build_problem
+from quadrig.rig.problem.build import Problem, build_problem, of_cameras
 from quadrig.rig.problem.camera_input import CameraInput
 from quadrig.rig.problem.connectivity import components
 from quadrig.rig.result import CAMERA_PARAMETERS, Rig
@@ -88,9 +88,7 @@ def _joined(problem: Problem, stays: set[str], moved: Sequence[str]) -> Problem:
     for group in components(problem):
         names = {problem.cameras[i].name for i in group}
         if set(moved) <= names and names & stays:
-            inputs = [problem.cameras[i] for i in group]
-            views = [view for view in problem.views if view.camera in names]
-            return build_problem(inputs, list(problem.rectangles.values()), views)
+            return of_cameras(problem, group)
     raise QuadrigError(
         f"{', '.join(moved)} shares no rectangle with a camera that stays ({', '.join(sorted(stays))}); "
         "hold one where both see it at once"

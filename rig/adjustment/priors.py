@@ -7,7 +7,7 @@ import numpy as np
 from quadrig.rig.problem.build import Problem
 from quadrig.rig.problem.camera_input import LensChoice
 from quadrig.single.arrays import Floats, Mask
-from quadrig.single.lens import LENS_PARAMETERS, LensModel
+from quadrig.single.lens import LENS_PARAMETERS
 from quadrig.single.lens_prior import LensClasses, lens_classes
 
 # So many points, spread over a board, determine a pose and a lens well enough to start from: every point has its say
@@ -48,15 +48,10 @@ class LensPriors:
         return replace(self, information=information, focal_share=share)
 
 
-def lens_models(problem: Problem) -> list[LensModel]:
-    """The model of every camera."""
-    return ["pinhole" if c.intrinsics is None else c.intrinsics.model for c in problem.cameras]
-
-
 def estimated_lenses(problem: Problem) -> Mask:
     """Which parameters (C, 9) of the lenses are estimated: all that the model has, or those that were asked for."""
     free = np.zeros((len(problem.cameras), len(LENS_PARAMETERS)), bool)
-    for row, (camera, model) in enumerate(zip(problem.cameras, lens_models(problem), strict=True)):
+    for row, (camera, model) in enumerate(zip(problem.cameras, problem.models, strict=True)):
         names = _ESTIMATED.get(camera.lens, LENS_PARAMETERS if model == "pinhole" else _FISHEYE_LENS)
         if not camera.fixed:
             free[row] = [name in names for name in LENS_PARAMETERS]
@@ -119,7 +114,7 @@ def _classes(problem: Problem, focal: Floats) -> LensClasses:
     sizes = [(camera.width, camera.height) for camera in problem.cameras]
     # Evidence speaks for itself, through the classes: the lens that comes with it is where a fit begins.
     given = [(None if c.lens_evidence is not None else c.intrinsics, c.lens_covariance) for c in problem.cameras]
-    return lens_classes(sizes, focal, lens_models(problem), given)
+    return lens_classes(sizes, focal, problem.models, given)
 
 
 def _priors(problem: Problem, classes: LensClasses) -> LensPriors:

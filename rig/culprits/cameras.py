@@ -1,13 +1,13 @@
 """Cameras that the others contradict: which it is, and why."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from quadrig.rig.culprits.pictures import in_a_quarter
 from quadrig.rig.doubt.misfit import misses
-from quadrig.rig.problem.build import Problem, build_problem
+from quadrig.rig.problem.build import Problem, build_problem, of_cameras
 from quadrig.rig.problem.connectivity import components
 from quadrig.rig.result import Rig
 from quadrig.single.arrays import Floats, Ints, Mask
@@ -79,18 +79,6 @@ def contradicting_camera(problem: Problem, rig: Rig, solve: Solve) -> str | None
             trials.append((agree, mended, camera in wrong, float(share[camera]), -camera))
     agree, mended, is_wrong, _, camera = max(trials, default=(False, 0, False, 0.0, 0))
     return problem.cameras[-camera].name if agree or mended > 0 or is_wrong else None
-
-
-def of_cameras(problem: Problem, kept: Sequence[int]) -> Problem:
-    """The part of a problem that some cameras (indices) make."""
-    if len(kept) == len(problem.cameras):
-        return problem
-    names = {problem.cameras[i].name for i in kept}
-    return build_problem(
-        [problem.cameras[i] for i in kept],
-        list(problem.rectangles.values()),
-        [view for view in problem.views if view.camera in names],
-    )
 
 
 def why_it_contradicts(problem: Problem, name: str, alone: Rig | None, solve: Solve) -> str:

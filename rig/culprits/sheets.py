@@ -12,7 +12,6 @@ from quadrig.rig.sheet_shape import SHAPE_PARAMETERS
 from quadrig.rig.start.lenses_and_poses import first_cameras
 from quadrig.rig.words import WRONG_SIZE
 from quadrig.single.arrays import Floats, Ints, Mask
-from quadrig.single.lens import Intrinsics
 from quadrig.single.view import View
 
 # Sizes that are off by less than this are misprints, for which sheets have a shape; what a ruler shows is more.
@@ -179,8 +178,7 @@ def _with_found_lenses(solved: Solved) -> Problem:
     """The problem with the lenses that were found: distances from one picture are as right as its focal."""
     cameras = []
     for row, camera in enumerate(solved.problem.cameras):
-        lens = camera.intrinsics or Intrinsics.centred(camera.width, camera.height, 1.0)
-        found = lens.with_parameters(solved.joint.adjustment.state.lens[row])
+        found = camera.first_lens.with_parameters(solved.joint.adjustment.state.lens[row])
         cameras.append(replace(camera, intrinsics=found, fixed=True))
     return replace(solved.problem, cameras=tuple(cameras))
 

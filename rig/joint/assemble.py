@@ -22,7 +22,7 @@ from quadrig.rig.result import CAMERA_PARAMETERS, Camera, PlacedRectangle, Rig, 
 from quadrig.rig.sheet_shape import SheetShape
 from quadrig.rig.start.pose_graph import FirstRig
 from quadrig.single.arrays import Floats, Ints, Mask
-from quadrig.single.lens import LENS_PARAMETERS, Intrinsics, project
+from quadrig.single.lens import LENS_PARAMETERS, project
 from quadrig.single.lens_prior import CLASS_NAMES
 
 # Sigma of a focal, as a share of it, beyond which the Views do not determine it.
@@ -40,7 +40,7 @@ def cameras_of(problem: Problem, joint: Joint, lenses: DeliveredLenses) -> tuple
         cameras.append(
             Camera(
                 given.name,
-                _template(given).with_parameters(lens),
+                given.first_lens.with_parameters(lens),
                 rig_from_camera[row],
                 free,
                 _lens_reason(given, joint.priors.kinds[row]),
@@ -70,10 +70,6 @@ def _clock_offsets(joint: Joint) -> Floats:
         return np.zeros(len(state.lens))
     known = state.motion.observable
     return np.where(known, state.offsets - state.offsets[known].mean(), 0.0) if known.any() else np.zeros(len(known))
-
-
-def _template(given: CameraInput) -> Intrinsics:
-    return given.intrinsics or Intrinsics.centred(given.width, given.height, 1.0)
 
 
 def camera_covariance(joint: Joint, reduced: Floats) -> Floats:
@@ -182,7 +178,7 @@ def _shift(problem: Problem, index: int, joint: Joint) -> int:
     state = joint.adjustment.state
     camera = joint.observations.camera[index]
     pose = state.camera_from_rig[camera] @ state.rig_from_rect[joint.observations.node[index]]
-    model = _template(problem.cameras[camera]).model
+    model = problem.cameras[camera].first_lens.model
     with np.errstate(invalid="ignore"):
         predicted = project(state.lens[camera], pose.transform(problem.points(index)), model)
     for shift in (1, 2, 3):

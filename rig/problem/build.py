@@ -82,7 +82,7 @@ class Problem:
     @property
     def models(self) -> list[LensModel]:
         """The lens model of each camera (C,): what is given, else a pinhole."""
-        return ["pinhole" if c.intrinsics is None else c.intrinsics.model for c in self.cameras]
+        return [camera.first_lens.model for camera in self.cameras]
 
     def frame_node(self, rectangle: str) -> int | None:
         """The node whose frame is that of a static rectangle, the world's where it is surveyed; None if not seen."""
@@ -119,6 +119,18 @@ def build_problem(cameras: Sequence[CameraInput], rectangles: Sequence[Rectangle
     absurd = {id(view) for view in absurd_views(views)}
     usable = [v for v in views if len(v.pixels) >= _FEWEST_POINTS and id(v) not in absurd]
     return _problem(tuple(sorted(cameras, key=lambda c: c.name)), by_name, usable)
+
+
+def of_cameras(problem: Problem, kept: Sequence[int]) -> Problem:
+    """The part of a problem that some cameras (indices) make."""
+    if len(kept) == len(problem.cameras):
+        return problem
+    names = {problem.cameras[i].name for i in kept}
+    return build_problem(
+        [problem.cameras[i] for i in kept],
+        list(problem.rectangles.values()),
+        [view for view in problem.views if view.camera in names],
+    )
 
 
 def _problem(cameras: tuple[CameraInput, ...], rectangles: dict[str, Rectangle], views: Sequence[View]) -> Problem:

@@ -34,6 +34,11 @@ class CameraInput:
     lens_covariance: Floats | None = None
     lens_evidence: LensEvidence | None = None
 
+    @property
+    def first_lens(self) -> Intrinsics:
+        """The lens that is given, or a pinhole in the middle of the picture, of no focal yet (1 px)."""
+        return self.intrinsics or Intrinsics.centred(self.width, self.height, 1.0)
+
     def __post_init__(self) -> None:
         if self.width <= 0 or self.height <= 0:
             raise QuadrigError(

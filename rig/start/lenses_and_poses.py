@@ -18,7 +18,7 @@ from quadrig.rig.adjustment.levenberg_marquardt import (
 )
 from quadrig.rig.adjustment.normal_equations import State, linearise, normal_equations
 from quadrig.rig.adjustment.outliers import LEAST_NOISE, first_noise
-from quadrig.rig.adjustment.priors import ENOUGH_POINTS, ROUGH, estimated_lenses, first_priors, lens_models
+from quadrig.rig.adjustment.priors import ENOUGH_POINTS, ROUGH, estimated_lenses, first_priors
 from quadrig.rig.adjustment.schur import reduced_inverse
 from quadrig.rig.problem.build import Problem
 from quadrig.rig.problem.observations import Observations, pack
@@ -123,7 +123,7 @@ def _first_lenses(problem: Problem, observations: Observations) -> Floats:
         if own.any():
             lens[row, 0] = _weighted_median(focal[own], weight[own])
     given = np.array([camera.intrinsics is not None for camera in problem.cameras])
-    lens[:, 0] = np.where(given, lens[:, 0], usual_focal(larger, lens_models(problem), lens[:, 0]))
+    lens[:, 0] = np.where(given, lens[:, 0], usual_focal(larger, problem.models, lens[:, 0]))
     return lens
 
 
@@ -237,7 +237,7 @@ def _real_tilt(problem: Problem, observations: Observations, alone: _Alone) -> F
     """
     side = np.array([float(max(camera.width, camera.height)) for camera in problem.cameras])
     lens = alone.lens.copy()
-    lens[:, 0] = usual_focal(side, lens_models(problem))
+    lens[:, 0] = usual_focal(side, problem.models)
     poses, errors = _both_poses(observations, lens)
     found = linearise(observations, _by_themselves(lens, poses[:, 0]), _NO_LENS, alone.noise, robust=True)
     covariance, _ = _own_doubt(found.gram[:, :6, :6], errors[:, 0])
