@@ -1,5 +1,6 @@
 """Grids of circles: where the middle of each circle appears, which is not the middle of the ellipse it is seen as."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import product
 
@@ -86,13 +87,15 @@ def _fitted(grey: Picture, dots: Dots, index: Ints, places: Floats) -> tuple[Flo
     nearest = np.linalg.norm(places[:, None] - places[None], axis=2)
     step = float(nearest[nearest > 0].min())
     rough = dots.middles[index]
-    radius = _radius(places, rough, dots.shape[index])
+    radius = _radius(_map(places, rough), places, dots.shape[index])
     light = LightImage(grey)
     fit = fit_ellipses(light, rough, dots.shape[index], 0.5 * step / radius - 1)
     if not _all_sure(fit, rough):
         return None
     # Closer to what was found: the threshold knew neither blur nor tone.
-    fit = fit_ellipses(light, fit.pixels, fit.shape, 0.5 * step / _radius(places, fit.pixels, fit.shape) - 1)
+    fit = fit_ellipses(
+        light, fit.pixels, fit.shape, 0.5 * step / _radius(_map(places, fit.pixels), places, fit.shape) - 1
+    )
     if not _all_sure(fit, rough):
         return None
     middles = fit.pixels
@@ -111,7 +114,7 @@ def _all_sure(fit: EllipseFit, rough: Floats) -> bool:
     return bool(np.all(near) and np.all(good_corners(fit)) and np.all((fit.contrast > 0) == (fit.contrast[0] > 0)))
 
 
-def _map(places: Floats, pixels: Floats):
+def _map(places: Floats, pixels: Floats) -> Callable[[Floats], Floats]:
     """The smooth map from the grid's plane to the picture that comes nearest to the pixels (P, 2) of places (P, 2):
     a homography, and upon it as much of a polynomial as so many points can show, for the lens."""
     middle, size = places.mean(axis=0), np.abs(places - places.mean(axis=0)).max()
@@ -129,13 +132,18 @@ def _map(places: Floats, pixels: Floats):
         x, y = np.moveaxis((seen - centre) / scale, -1, 0)
         return np.stack([x**i * y**j for i, j in powers], axis=-1)
 
-    bend = np.linalg.lstsq(terms(flat(places)), pixels - flat(places), rcond=None)[0]
-    return lambda points: flat(points) + terms(flat(points)) @ bend
+    seen = flat(places)
+    bend = np.linalg.lstsq(terms(seen), pixels - seen, rcond=None)[0]
+
+    def image(points: Floats) -> Floats:
+        seen = flat(points)
+        return seen + terms(seen) @ bend
+
+    return image
 
 
-def _radius(places: Floats, pixels: Floats, shape: Floats) -> float:
-    """Radius of the circles in steps of the grid, from the areas of their ellipses."""
-    image = _map(places, pixels)
+def _radius(image: Callable[[Floats], Floats], places: Floats, shape: Floats) -> float:
+    """Radius of the circles in steps of the grid, from the areas of their ellipses under a map into the picture."""
     axes = [image(places + step) - image(places - step) for step in ([0.05, 0.0], [0.0, 0.05])]
     stretch = np.abs(np.linalg.det(np.stack(axes, axis=-1))) / 0.01
     return float(np.median(1 / np.sqrt(np.abs(np.linalg.det(shape)) * stretch)))
@@ -149,7 +157,7 @@ def _eccentricity(places: Floats, pixels: Floats, shape: Floats) -> Floats:
     """
     image = _map(places, pixels)
     angle = 2 * np.pi * np.arange(_OUTLINE) / _OUTLINE
-    circle = _radius(places, pixels, shape) * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    circle = _radius(image, places, shape) * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
     middle = image(places)
     outline = image(places[:, None] + circle) - middle[:, None]
     scale = np.abs(outline).max(axis=(1, 2))
