@@ -5,8 +5,11 @@ import tomllib
 from collections.abc import Callable
 from pathlib import Path
 
+import yaml
+
 from quadrig.io.config.marking_tables import marking_keys
 from quadrig.io.config.toml_lines import toml_line
+from quadrig.io.safe_yaml import read_yaml
 from quadrig.single.errors import QuadrigError
 from quadrig.single.markings.april_grid import AprilGridMarking
 from quadrig.single.markings.chessboard import ChessboardMarking
@@ -37,11 +40,11 @@ def with_targets_read(text: str, folder: Path, name: str) -> str:
 def read_target(path: Path) -> Marking:
     """The marking that a Kalibr target file describes. Raises QuadrigError where it cannot be read as one."""
     try:
-        # Kalibr's files are flat: a key and a value to a line.
-        pairs = [line.split("#")[0].partition(":") for line in path.read_text(encoding="utf-8").splitlines()]
-    except (OSError, UnicodeDecodeError) as error:
-        raise QuadrigError(f"{path} cannot be read ({error}); give a target file of Kalibr's") from error
-    values = {key.strip(): value.strip().strip("'\"") for key, colon, value in pairs if colon}
+        values = {str(key): str(value) for key, value in read_yaml(path.read_bytes()).items()}
+    except (OSError, ValueError, yaml.YAMLError) as error:
+        raise QuadrigError(
+            f"{path} cannot be read ({' '.join(str(error).split())}); give a target file of Kalibr's"
+        ) from error
     kind = values.get("target_type", "")
     if kind not in _READERS:
         raise QuadrigError(f"{path}: target_type is {kind!r}; it may be {', '.join(_READERS)}")

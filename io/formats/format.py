@@ -4,10 +4,8 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-import yaml
 
 from quadrig.rig.result import CAMERA_PARAMETERS, Camera, Rig
 from quadrig.single.arrays import Floats
@@ -15,9 +13,6 @@ from quadrig.single.errors import QuadrigError
 from quadrig.single.lens import Intrinsics, LensModel
 from quadrig.single.pose import Pose
 from quadrig.single.rotation import nearest_rotation, rotation_from_quaternion
-
-SAFE_LOADER: type = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
-"""Libyaml's where PyYAML was built with it: eight times as quick."""
 
 Files = dict[str, str | bytes]
 
@@ -31,8 +26,6 @@ GRAPHICS = Pose(np.diag([1.0, -1.0, -1.0]), np.zeros(3))
 _ROTATION_TOLERANCE = 1e-3
 # Nearer than this to the identity a camera's frame is the rig's: the last digits of a matrix that was inverted.
 _SAME_FRAME = 1e-9
-# A thousand cameras with all their digits; YAML is read at a megabyte a second.
-_LARGEST_YAML = 4_000_000
 # Focal lengths and points of pictures that exist lie below this many pixels.
 _LARGEST = 1e6
 
@@ -100,16 +93,6 @@ def plain_names(names: Sequence[str]) -> list[str]:
             unique, number = f"{plain}_{number}", number + 1
         taken.append(unique)
     return taken
-
-
-def read_yaml(content: bytes, loader: type = SAFE_LOADER) -> dict[str, Any]:
-    """The mapping of a YAML file. Raises ValueError where it is none, or larger than any file of cameras."""
-    if len(content) > _LARGEST_YAML:
-        raise ValueError(f"{len(content)} bytes of YAML are no file of cameras")
-    values = yaml.load(content, loader)
-    if not isinstance(values, dict):
-        raise ValueError("it holds no mapping")
-    return values
 
 
 def lens_of(

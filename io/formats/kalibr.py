@@ -6,8 +6,9 @@ import msgspec
 import numpy as np
 import yaml
 
-from quadrig.io.formats.format import Files, Held, Options, camera_matrix, lens_of, pose_of, read_yaml
+from quadrig.io.formats.format import Files, Held, Options, camera_matrix, lens_of, pose_of
 from quadrig.io.recording.camera import camera_name
+from quadrig.io.safe_yaml import read_yaml
 from quadrig.rig.result import Camera, Rig
 from quadrig.single.arrays import Mask
 from quadrig.single.errors import QuadrigError

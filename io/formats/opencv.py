@@ -12,7 +12,6 @@ import numpy as np
 from yaml.constructor import SafeConstructor
 
 from quadrig.io.formats.format import (
-    SAFE_LOADER,
     Files,
     Held,
     Options,
@@ -20,8 +19,8 @@ from quadrig.io.formats.format import (
     lens_of,
     plain_names,
     pose_of,
-    read_yaml,
 )
+from quadrig.io.safe_yaml import SAFE_LOADER, read_yaml
 from quadrig.rig.result import Rig
 from quadrig.single.arrays import Floats
 from quadrig.single.errors import QuadrigError

@@ -14,7 +14,8 @@ import msgspec
 import numpy as np
 import yaml
 
-from quadrig.io.formats.format import Files, Held, Options, coefficients, lens_of, pose_of_quaternion, read_yaml
+from quadrig.io.formats.format import Files, Held, Options, coefficients, lens_of, pose_of_quaternion
+from quadrig.io.safe_yaml import read_yaml
 from quadrig.rig.result import Camera, Rig
 from quadrig.single.arrays import Floats
 from quadrig.single.errors import QuadrigError
