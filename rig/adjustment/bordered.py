@@ -33,7 +33,7 @@ _AT_ONCE = 500
 class Border:
     """What the Views say of the errors, rectangle poses eliminated, for each of F folds of the Views.
 
-    cameras (C M, U): B above. information (F, U, U): D; gradient (F, U) down the cost; both without the prior.
+    cameras (F, C M, U): B above. information (F, U, U): D; gradient (F, U) down the cost; both without the prior.
     pairs (C M, 6 N) sparse, and passed (6 N, U), sparse where it is large: what leads to the steps of the nodes.
     """
 
@@ -47,8 +47,9 @@ class Border:
         """By how much less the reduced system and its gradient say, (C M, C M) and (C M,), when the errors, now of
         these values (U,), may take any that their prior allows."""
         pull = self.gradient.sum(axis=0) - errors.information @ values
-        right = np.column_stack([self.cameras.T, pull])
-        solved = self.cameras @ np.linalg.solve(self.information.sum(axis=0) + errors.information, right)
+        cameras = self.cameras.sum(axis=0)
+        right = np.column_stack([cameras.T, pull])
+        solved = cameras @ np.linalg.solve(self.information.sum(axis=0) + errors.information, right)
         return (solved[:, :-1] + solved[:, :-1].T) / 2, solved[:, -1]
 
 
@@ -75,14 +76,15 @@ def border_of(
     at = [axis.ravel() for axis in np.broadcast_arrays(row, column)]
     pairs = coo_array((found.normal.pairs.ravel(), at), shape=(cameras * size, 6 * nodes)).tocsr()
     passed = node_inverse.tocsr() @ own.nodes
-    border = np.where(reduced.free.ravel()[:, None], own.cameras - _dense(pairs @ passed), 0.0)
-    information, gradient = own.errors, own.gradient
+    border, information, gradient = own.cameras, own.errors, own.gradient
     pull = found.normal.node_gradient.ravel()
     for number in range(len(information)):
         rows = np.flatnonzero(np.repeat(fold == number, 6))
         chosen = passed[rows]
+        border[number] -= _dense(pairs[:, rows] @ chosen)
         information[number] -= _dense(own.nodes[rows].T @ chosen)
         gradient[number] -= chosen.T @ pull[rows]
+    border[:, ~reduced.free.ravel()] = 0.0
     return Border(border, information, gradient, pairs, passed)
 
 
@@ -135,22 +137,22 @@ class Bordered:
 
 
 def solve_bordered(
+    border: Border,
     errors: SystematicErrors,
     values: Floats,
-    observations: Observations,
     found: Adjustment,
-    free: FreeParameters,
-    noise: float,
     reduced: Reduced,
     camera_covariance: Floats,
 ) -> Bordered:
-    """The step from the end of an adjustment, as `border_of` has it; camera_covariance (C M, C M): without the
-    errors."""
+    """The step from the end of an adjustment made with errors of these values (U,) taken off.
+
+    border, reduced: of that adjustment; camera_covariance (C M, C M): without the errors.
+    """
     from scipy.linalg import solve_triangular
 
-    border = border_of(errors, observations, found, free, noise, reduced)
-    through = camera_covariance @ border.cameras
-    data = border.information.sum(axis=0) - border.cameras.T @ through
+    ties = border.cameras.sum(axis=0)
+    through = camera_covariance @ ties
+    data = border.information.sum(axis=0) - ties.T @ through
     information = data + errors.information
     lower = np.linalg.cholesky((information + information.T) / 2)
     root = solve_triangular(lower, np.eye(len(values)), lower=True).T
@@ -179,8 +181,8 @@ def solve_bordered(
 
 @dataclass(frozen=True, eq=False)
 class _Sums:
-    """The errors' part of the normal equations: with cameras (C M, U), with nodes (6 N, U), among themselves
-    (F, U, U), and the gradient (F, U), for each fold."""
+    """The errors' part of the normal equations: with cameras (F, C M, U), among themselves (F, U, U) and the gradient
+    (F, U), for each fold; with nodes (6 N, U)."""
 
     cameras: Floats
     nodes: "Floats | scipy.sparse.csr_array"
@@ -201,8 +203,8 @@ class _Sums:
         from scipy.sparse import coo_array
 
         lens, unknowns, folds = len(found.columns), len(errors.information), int(fold.max(initial=0)) + 1
-        result, own = np.zeros((observations.cameras, size, unknowns)), np.zeros((folds, unknowns, unknowns))
-        gradient, parts = np.zeros((folds, unknowns)), []
+        result = np.zeros((folds, observations.cameras, size, unknowns))
+        own, gradient, parts = np.zeros((folds, unknowns, unknowns)), np.zeros((folds, unknowns)), []
         by_camera, by_node = chain_derivatives(observations, found.state)
         for part, gram, index in extended_grams(errors, observations, found, free, noise):
             of_errors = gram[:, lens : lens + index.shape[1]]
@@ -216,7 +218,7 @@ class _Sums:
             at, camera, number = index[first], part.camera[first], fold[part.node[first]]
             np.add.at(
                 result,
-                (camera[:, None, None], np.arange(size)[:, None], at[:, None, :]),
+                (number[:, None, None], camera[:, None, None], np.arange(size)[:, None], at[:, None, :]),
                 np.swapaxes(np.add.reduceat(with_camera[order], starts), 1, 2),
             )
             among = np.add.reduceat(of_errors[order, :, lens : lens + index.shape[1]], starts)
@@ -228,7 +230,7 @@ class _Sums:
         value, row, column = (np.concatenate(each) for each in zip(*parts, strict=True))
         nodes = coo_array((value, (row, column)), shape=(6 * observations.nodes, unknowns))
         nodes = nodes.toarray() if 6 * observations.nodes * unknowns < _DENSE else nodes.tocsr()
-        return _Sums(result.reshape(-1, unknowns), nodes, own, gradient)
+        return _Sums(result.reshape(folds, -1, unknowns), nodes, own, gradient)
 
 
 def extended_grams(

@@ -13,17 +13,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from quadrig.rig.adjustment.bordered import Border, border_of, extended_grams
-from quadrig.rig.adjustment.levenberg_marquardt import Adjustment, view_steps
+from quadrig.rig.adjustment.bordered import Border, extended_grams
+from quadrig.rig.adjustment.levenberg_marquardt import view_steps
 from quadrig.rig.adjustment.normal_equations import State, layout, linearise, normal_equations
 from quadrig.rig.adjustment.schur import Reduced, block_matrix, eliminate, node_steps, solve_for
+from quadrig.rig.joint.folds import folds_of
 from quadrig.rig.joint.stages import Joint
 from quadrig.rig.problem.build import Problem
 from quadrig.rig.problem.observations import Observations
 from quadrig.single.arrays import Floats, Ints, Mask
 
-# Five folds leave four fifths to fit: near enough to the whole that the figure speaks of the rig that is delivered.
-_FOLDS = 5
 # What noise alone explains has the weight of so many numbers, in the figure of all cameras and in each camera's own:
 # folds of a recording are few, and what they disagree on shows in some ten of a camera's numbers.
 _TRUSTED = 20.0
@@ -49,7 +48,7 @@ class CrossValidation:
 
 def cross_validate(problem: Problem, joint: Joint) -> CrossValidation:
     """Hold each fold out in turn."""
-    of_node = _folds(problem)
+    of_node = folds_of(problem)
     fold = of_node[joint.observations.node]
     count = int(fold.max(initial=-1)) + 1
     if count < 2:
@@ -63,9 +62,8 @@ def cross_validate(problem: Problem, joint: Joint) -> CrossValidation:
     free = np.tile(joint.reduced.free, (count, 1))
     normal = normal_equations(copies, tables, fit, weighing)
     own = eliminate(normal, tables, free, free_nodes)
-    copied = replace(adjustment, state=fit, normal=normal, layout=tables)
-    border = border_of(joint.errors, copies, copied, joint.free, joint.noise, own, of_node)
-    without = [_without(joint, own, border, number, fold == number) for number in range(count)]
+    border = joint.bordered.border
+    without = [_without(joint, own, number, fold == number) for number in range(count)]
     steps, errors = np.concatenate([each[0] for each in without]), np.array([each[1] for each in without])
     at_prediction = own
     if adjustment.eliminated is not None:
@@ -77,20 +75,20 @@ def cross_validate(problem: Problem, joint: Joint) -> CrossValidation:
     followed = (border.passed @ errors.T).reshape(-1, 6, count)[np.arange(len(of_node)), :, of_node]
     poses = node_steps(normal, tables, at_prediction, steps) - followed
     step = view_steps(copies, predicted, steps, poses, len(adjustment.columns))
-    squares = _squares(joint, replace(copied, state=predicted), copies, step, errors[fold])
+    squares = _squares(joint, step, errors[fold])
     squares = squares * (joint.noise * problem.sigmas) ** 2 / problem.shares
     used = np.zeros(len(fold))
     for group in joint.observations.groups:
         used[group.view] = group.weights.sum(axis=1)
     share = np.bincount(fold, used, count) / max(used.sum(), np.finfo(float).tiny)
-    return CrossValidation(squares, _dispersion(joint, own, border, share))
+    return CrossValidation(squares, _dispersion(joint, own, share))
 
 
-def _squares(joint: Joint, found: Adjustment, copies: Observations, step: Floats, errors: Floats) -> Floats:
+def _squares(joint: Joint, step: Floats, errors: Floats) -> Floats:
     """Sum of the weighted squared residuals (V,) after steps (V, K + 6) and of the errors (V, U), to first order."""
-    squares, lens = np.zeros(len(step)), len(found.columns)
-    firm = replace(joint.free, slack=None)
-    for part, gram, index in extended_grams(joint.errors, copies, found, firm, joint.noise):
+    squares, lens = np.zeros(len(step)), len(joint.adjustment.columns)
+    found, firm = replace(joint.adjustment, state=joint.predicted), replace(joint.free, slack=None)
+    for part, gram, index in extended_grams(joint.errors, joint.observations, found, firm, joint.noise):
         own = np.take_along_axis(errors[part.view], index, axis=1)
         seen = np.ones((len(own), 1))
         row = np.concatenate([step[part.view, :lens], own, step[part.view, lens:], -seen], axis=1)[:, None]
@@ -98,29 +96,10 @@ def _squares(joint: Joint, found: Adjustment, copies: Observations, step: Floats
     return squares
 
 
-def _folds(problem: Problem) -> Ints:
-    """The fold (N,) of each node: framesets in a row, about as many Views in each fold, still rectangles in turn."""
-    frameset = np.array([node.frameset for node in problem.nodes], int)
-    folds = np.zeros(len(frameset), int)
-    moving = frameset >= 0
-    if moving.any():
-        order = np.unique(frameset[moving], return_inverse=True)[1]
-        views = np.bincount(problem.node, minlength=len(frameset))[moving]
-        total = np.bincount(order, views)
-        middle = np.cumsum(total) - total / 2
-        # Few framesets, or ones of many Views, may skip a fold: numbers are closed up.
-        number = np.unique((_FOLDS * middle / total.sum()).astype(int), return_inverse=True)[1]
-        folds[moving] = number[order]
-    folds[~moving] = np.arange(int((~moving).sum())) % _FOLDS
-    return folds
-
-
 def _copied(observations: Observations, fold: Ints, count: int) -> Observations:
-    cameras = observations.cameras
-    groups = tuple(replace(group, camera=group.camera + fold[group.view] * cameras) for group in observations.groups)
     return replace(
         observations,
-        groups=groups,
+        groups=(),
         camera=observations.camera + fold * observations.cameras,
         cameras=observations.cameras * count,
     )
@@ -132,11 +111,11 @@ def _copied_state(state: State, count: int) -> State:
     return replace(state, lens=state.lens[cameras], camera_from_rig=state.camera_from_rig[cameras], offsets=offsets)
 
 
-def _without(joint: Joint, own: Reduced, border: Border, number: int, out: Mask) -> tuple[Floats, Floats]:
+def _without(joint: Joint, own: Reduced, number: int, out: Mask) -> tuple[Floats, Floats]:
     """Steps (C, M) of the cameras and (U,) of the systematic errors when the Views `out` (V,) of a fold are taken
     from the fit; nan if they must stay.
 
-    own, border: the folds' parts of the system, of which this fold's is taken off the whole.
+    own: the folds' reduced systems, of which this fold's is taken off the whole.
     """
     whole, cameras = joint.reduced, joint.observations.cameras
     chosen = own.left // cameras == number
@@ -150,12 +129,12 @@ def _without(joint: Joint, own: Reduced, border: Border, number: int, out: Mask)
         lens = len(joint.adjustment.columns)
         free = free.copy()
         free[0, lens : lens + 6] = False
-    all_views, size = joint.bordered.border, free.size
-    ties = (all_views.cameras - border.cameras[number * size : (number + 1) * size]) * free.ravel()[:, None]
-    seen = all_views.information[0] - border.information[number]
+    border, others = joint.bordered.border, np.arange(len(joint.bordered.border.gradient)) != number
+    ties = border.cameras[others].sum(axis=0) * free.ravel()[:, None]
+    seen, whole_errors = border.information[others].sum(axis=0), border.information.sum(axis=0)
     # A sheet that only this fold shows keeps its shape, as it keeps its pose: both are its own.
-    shown = np.flatnonzero(np.diag(seen) > _SEEN * np.diag(all_views.information[0]))
-    pull = all_views.gradient[0] - border.gradient[number] - joint.errors.information @ joint.values
+    shown = np.flatnonzero(np.diag(seen) > _SEEN * np.diag(whole_errors))
+    pull = border.gradient[others].sum(axis=0) - joint.errors.information @ joint.values
     right = np.column_stack([np.where(free, gradient, 0.0).ravel(), ties[:, shown]])
     errors = np.zeros_like(pull)
     try:
@@ -167,7 +146,7 @@ def _without(joint: Joint, own: Reduced, border: Border, number: int, out: Mask)
     return (solved[:, 0] - solved[:, 1:] @ errors[shown]).reshape(free.shape), errors
 
 
-def _dispersion(joint: Joint, own: Reduced, border: Border, share: Floats) -> Floats:
+def _dispersion(joint: Joint, own: Reduced, share: Floats) -> Floats:
     """Variance (C,) between the folds of each camera's lens, as a multiple of what noise alone makes it.
 
     With C the covariance, D and g a fold's information and gradient at the optimum: the fold moves the cameras by C
@@ -189,7 +168,7 @@ def _dispersion(joint: Joint, own: Reduced, border: Border, share: Floats) -> Fl
         both, np.linalg.inv(np.where(both, of_lens(joint.bordered.with_errors(joint.covariance)), np.eye(lens))), 0.0
     )
     covariance = joint.bordered.joint_covariance(joint.covariance)
-    parts = [_of_fold(own, border, number, cameras, size) for number in range(count)]
+    parts = [_of_fold(own, joint.bordered.border, number, cameras, size) for number in range(count)]
     gradients = np.array([gradient for gradient, _ in parts])
     moved = [product(covariance) for _, product in parts]
     gradients -= share[:, None] * gradients.sum(axis=0)
@@ -221,7 +200,7 @@ def _of_fold(
     (C M + U, C M + U) with a matrix."""
     chosen, total = own.left // cameras == number, cameras * size
     rows = slice(number * cameras, (number + 1) * cameras)
-    ties = border.cameras[number * total : (number + 1) * total]
+    ties = border.cameras[number]
     of_cameras = block_matrix(own.blocks[chosen], own.left[chosen] % cameras, own.right[chosen] % cameras, cameras)
 
     def product(matrix: Floats) -> Floats:

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from quadrig.rig.adjustment.bordered import Bordered, solve_bordered
+from quadrig.rig.adjustment.bordered import Bordered, border_of, solve_bordered
 from quadrig.rig.adjustment.levenberg_marquardt import (
     Adjustment,
     FreeParameters,
@@ -24,6 +24,7 @@ from quadrig.rig.adjustment.priors import (
 )
 from quadrig.rig.adjustment.schur import Reduced, reduced_inverse
 from quadrig.rig.adjustment.systematic_errors import SystematicErrors, systematic_errors
+from quadrig.rig.joint.folds import folds_of
 from quadrig.rig.joint.residual_noise import residual_sum, shown_nodes
 from quadrig.rig.joint.time_errors import (
     fit_time_errors,
@@ -37,7 +38,7 @@ from quadrig.rig.problem.connectivity import components
 from quadrig.rig.problem.observations import Observations
 from quadrig.rig.start.lenses_and_poses import FirstCameras
 from quadrig.rig.start.pose_graph import FirstRig
-from quadrig.single.arrays import Floats, Mask
+from quadrig.single.arrays import Floats, Ints, Mask
 from quadrig.single.posterior.noise import EXPECTED_WEIGHT, noise_of
 
 # Rounds of a robust fit and the noise that it shows: two or three are usual.
@@ -258,7 +259,7 @@ def _least_squares_stage(
         state, values, seen = fit.adjustment.state, np.zeros_like(values), observations
     used = seen.with_weights(inliers.weights)
     adjustment = adjust(used, state, free, noise, most_steps=_MOST_STEPS, tables=fit.adjustment.layout)
-    end = _end(errors, values, used, adjustment, free, noise)
+    end = _end(errors, values, used, adjustment, free, noise, folds_of(problem))
     noise = noise_of(*end.residuals, problem.expected_noise)
     predicted = without_slack(used, adjustment.state, free, noise)
     freedom = max(end.residuals[1], 0.0) + EXPECTED_WEIGHT
@@ -332,10 +333,12 @@ def _end(
     found: Adjustment,
     free: FreeParameters,
     noise: float,
+    fold: Ints | None = None,
 ) -> _End:
     reduced = undamped(found, free)
     firm = reduced_inverse(reduced)
-    bordered = solve_bordered(errors, values, used, found, free, noise, reduced, firm)
+    border = border_of(errors, used, found, free, noise, reduced, fold)
+    bordered = solve_bordered(border, errors, values, found, reduced, firm)
     covariance = bordered.with_errors(firm)
     residuals = residual_sum(found, used, free, noise, covariance, bordered.effective)
     return _End(found, reduced, firm, bordered, covariance, residuals)

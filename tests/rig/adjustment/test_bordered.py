@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from quadrig.rig.adjustment.bordered import solve_bordered
+from quadrig.rig.adjustment.bordered import border_of, solve_bordered
 from quadrig.rig.adjustment.levenberg_marquardt import adjust, undamped
 from quadrig.rig.adjustment.schur import reduced_inverse
 from quadrig.rig.adjustment.systematic_errors import systematic_errors
@@ -67,7 +67,8 @@ def both(small, states, simulated):
     reduced = undamped(found, free)
     alone = reduced_inverse(reduced)
     values = np.zeros(len(errors.information))
-    bordered = solve_bordered(errors, values, observations, found, free, NOISE, reduced, alone)
+    border = border_of(errors, observations, found, free, NOISE, reduced)
+    bordered = solve_bordered(border, errors, values, found, reduced, alone)
     matrix, gradient, first, last = dense_system(errors, observations, found.state, free)
     kept = np.flatnonzero(np.concatenate([reduced.free.ravel(), np.ones(len(matrix) - first, bool)]))
     inverse, step = np.zeros_like(matrix), np.zeros_like(gradient)
