@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from quadrig.rig.blas_threads import one_thread
 from quadrig.rig.culprits.cameras import Solve, contradicting_camera, why_it_contradicts
 from quadrig.rig.culprits.lenses import freed, lens_sentences, wrong_lenses
 from quadrig.rig.culprits.pictures import no_pictures, set_aside, size_sentences
@@ -92,6 +93,7 @@ def _in_agreement(whole: Problem, solve: Solve) -> tuple[list[Rig], Problem, dic
     return rigs, agreeing, lost
 
 
+@one_thread
 def _rigs(problem: Problem, order: Sequence[str], reference: str | None) -> list[Rig]:
     """A rig for each group of cameras that share rectangles and agree; none for one whose Views determine nothing."""
     rigs: list[Rig] = []

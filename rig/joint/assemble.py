@@ -7,6 +7,7 @@ import numpy as np
 from quadrig.rig.adjustment.normal_equations import LENS, residual_squares
 from quadrig.rig.adjustment.systematic_errors import sheet_values
 from quadrig.rig.adjustment.twist_jacobians import step_by_camera_twist, step_by_left_twist
+from quadrig.rig.blas_threads import one_thread
 from quadrig.rig.doubt.student import student_widening
 from quadrig.rig.doubt.weaknesses import weaknesses
 from quadrig.rig.doubt.working_accuracy import accuracy_of, covered_points
@@ -235,6 +236,7 @@ def with_figures(
     return tuple(result)
 
 
+@one_thread
 def assemble_rig(
     problem: Problem,
     joint: Joint,

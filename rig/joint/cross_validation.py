@@ -17,6 +17,7 @@ from quadrig.rig.adjustment.bordered import Border, extended_grams
 from quadrig.rig.adjustment.levenberg_marquardt import view_steps
 from quadrig.rig.adjustment.normal_equations import State, layout, linearise, normal_equations
 from quadrig.rig.adjustment.schur import Reduced, block_matrix, eliminate, node_steps, solve_for
+from quadrig.rig.blas_threads import one_thread
 from quadrig.rig.joint.folds import folds_of
 from quadrig.rig.joint.stages import Joint
 from quadrig.rig.problem.build import Problem
@@ -46,6 +47,7 @@ class CrossValidation:
         return np.maximum(self.dispersion, 1.0)
 
 
+@one_thread
 def cross_validate(problem: Problem, joint: Joint) -> CrossValidation:
     """Hold each fold out in turn."""
     of_node = folds_of(problem)

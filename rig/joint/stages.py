@@ -24,6 +24,7 @@ from quadrig.rig.adjustment.priors import (
 )
 from quadrig.rig.adjustment.schur import Reduced, reduced_inverse
 from quadrig.rig.adjustment.systematic_errors import SystematicErrors, systematic_errors
+from quadrig.rig.blas_threads import one_thread
 from quadrig.rig.joint.folds import folds_of
 from quadrig.rig.joint.residual_noise import residual_sum, shown_nodes
 from quadrig.rig.joint.time_errors import (
@@ -120,6 +121,7 @@ class _Fit:
     noise: float
 
 
+@one_thread
 def solve_jointly(
     problem: Problem,
     alone: FirstCameras,
