@@ -9,7 +9,8 @@ from quadrig.rig.problem.build import Problem
 if TYPE_CHECKING:
     from threadpoolctl import ThreadpoolController
 
-P, R = ParamSpec("P"), TypeVar("R")
+P = ParamSpec("P")
+R = TypeVar("R")
 
 # From so many cameras on, and some thousand unknowns, a second thread wins.
 _MANY = 100
@@ -30,9 +31,8 @@ def one_thread(solve: Callable[Concatenate[Problem, P], R]) -> Callable[Concaten
 
 @cache
 def _threads() -> "ThreadpoolController":
-    # Loaded when it is used: it looks at every library of the process.
-    # scipy has a BLAS of its own, which must be there to be found.
-    import scipy.linalg  # noqa: F401
+    # Loaded when it is used, for it looks at every library of the process.
+    import scipy.linalg  # noqa: F401 - its own BLAS must be there to be found
     from threadpoolctl import ThreadpoolController
 
     return ThreadpoolController()
