@@ -1,6 +1,7 @@
 """Files appear whole or not at all: written beside their place, then renamed into it."""
 
 import os
+import stat
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -13,11 +14,15 @@ from quadrig.single.errors import QuadrigError
 def written_beside(path: Path | str) -> Iterator[Path]:
     """A path to write to, in the folder of `path`; it becomes `path` when the block ends without an error.
 
-    Raises QuadrigError where the folder is absent or cannot be written to.
+    A link stays and what it leads to is written; a file that is there keeps its mode.
+    Raises QuadrigError as refuse_no_place does, and where the folder cannot be written to.
     """
     path = Path(path)
     refuse_no_place(path)
+    path = path.resolve()
     try:
+        # A temporary file is private (0600); the finished one follows the user's own umask like any other.
+        mode = stat.S_IMODE(path.stat().st_mode) if path.exists() else 0o666 & ~_umask()
         handle, name = tempfile.mkstemp(prefix=f".{path.stem}-", suffix=path.suffix, dir=path.parent)
     except OSError as error:
         raise QuadrigError(f"cannot write {path}: {error.strerror}; choose another place") from error
@@ -25,8 +30,7 @@ def written_beside(path: Path | str) -> Iterator[Path]:
     beside = Path(name)
     try:
         yield beside
-        # A temporary file is private (0600); the finished one follows the user's own umask like any other.
-        beside.chmod(0o666 & ~_umask())
+        beside.chmod(mode)
         beside.replace(path)
     except OSError as error:
         raise QuadrigError(f"cannot write {path}: {error.strerror or error}; choose another place") from error
@@ -36,11 +40,23 @@ def written_beside(path: Path | str) -> Iterator[Path]:
 
 
 def refuse_no_place(path: Path) -> None:
-    """Raises QuadrigError where a file cannot be written because its name is a folder's or its folder is absent."""
-    if path.is_dir():
+    """Raises QuadrigError where no file may be written: over a folder, a device or a pipe, over what is read-only,
+    or where its folder is absent."""
+    try:
+        mode = path.stat().st_mode
+    except FileNotFoundError:
+        folder = (path.resolve() if path.is_symlink() else path).parent
+        if not folder.is_dir():
+            raise QuadrigError(f"cannot write {path}: there is no folder {folder}; make it first") from None
+        return
+    except OSError as error:
+        raise QuadrigError(f"cannot write {path}: {error.strerror}; choose another place") from error
+    if stat.S_ISDIR(mode):
         raise QuadrigError(f"{path} is a folder; give the name of a file to write")
-    if not path.parent.is_dir():
-        raise QuadrigError(f"cannot write {path}: there is no folder {path.parent}; make it first")
+    if not stat.S_ISREG(mode):
+        raise QuadrigError(f"{path} is a device, a pipe or a socket; give the name of a file to write")
+    if not os.access(path, os.W_OK):
+        raise QuadrigError(f"{path} is read-only; choose another place, or make it writable")
 
 
 def write_text(path: Path | str, text: str) -> None:

@@ -90,7 +90,7 @@ def image_files(paths: Sequence[Path], name: str, notes: list[str]) -> ImageFile
     notes: takes a sentence for each such thing. name: of the camera, in words for a person.
     """
     paths = sorted(paths)
-    headers = [_header(path) for path in paths]
+    headers = [file_header(path) for path in paths]
     shapes = Counter((one.size, one.turned) for one in headers if one is not None)
     if shapes:
         most, _ = shapes.most_common(1)[0]
@@ -124,7 +124,7 @@ def _another(count: int, path: Path, header: PictureHeader | None, most: tuple[t
     return f"{count} pictures of another size are left out (the first, {path.name}, is {shape})"
 
 
-def _header(path: Path) -> PictureHeader | None:
+def file_header(path: Path) -> PictureHeader | None:
     """What a file says of itself, None where it is no picture."""
     try:
         with path.open("rb") as stream:

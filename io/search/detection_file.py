@@ -158,6 +158,7 @@ def keep_detections(
     Raises QuadrigError where the folder cannot be written to.
     """
     refuse_no_place(path)
+    path = path.resolve()
     partial = _partial(path)
     beside = partial.with_name(f"{partial.name}-{os.getpid()}")
     try:

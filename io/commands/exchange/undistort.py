@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
 from typing import Annotated
@@ -15,7 +16,7 @@ from quadrig.io.formats.any_file import read_any_lenses
 from quadrig.io.formats.maps import remap_tables
 from quadrig.io.progress import progress_bar
 from quadrig.io.recording.decode_image import UndecodableImage, decode_unchanged
-from quadrig.io.recording.image_folder import IMAGE_SUFFIXES, folder_images
+from quadrig.io.recording.image_folder import IMAGE_SUFFIXES, file_header, folder_images
 from quadrig.io.recording.video import VIDEO_SUFFIXES, VideoFile, import_av, read_video
 from quadrig.io.whole_file import written_beside
 from quadrig.single.arrays import Picture
@@ -44,26 +45,67 @@ def undistort(
     Examples: rig undistort rig.mcap cam0/ cam1.mp4 -o flat; rig undistort camchain.yaml shot.png --camera left
     """
     lenses = {name: known.intrinsics for name, known in read_any_lenses(rig).items()}
-    for given in inputs:
-        if not given.exists():
-            raise QuadrigError(f"there is no {given}; give pictures, folders of pictures, or videos")
+    # All that can be refused is, before anything is written.
+    works = [_work(given, output, camera, lenses) for given in inputs]
+    _refuse_shared(works)
+    tables = {work.camera: remap_tables(lenses[work.camera]) for work in works}
     output.mkdir(parents=True, exist_ok=True)
-    for given in inputs:
-        name = _camera(given, camera, lenses)
-        tables = remap_tables(lenses[name])
-        if given.suffix.lower() in VIDEO_SUFFIXES and given.is_file():
-            print(_video(given, output / f"{given.stem}.mp4", lenses[name], tables))
-            continue
-        pictures = folder_images(given) if given.is_dir() else [given]
-        if not pictures or any(one.suffix.lower() not in IMAGE_SUFFIXES for one in pictures):
-            raise QuadrigError(f"{given}: it is no picture, video or folder of pictures; give one of those")
-        folder = output / given.name if given.is_dir() else output
-        folder.mkdir(exist_ok=True)
-        with progress_bar(name, len(pictures), "pictures") as advance:
-            for picture in pictures:
-                _picture(picture, folder / picture.name, lenses[name], tables)
-                advance(1)
-        print(folder if given.is_dir() else folder / given.name)
+    for work in works:
+        lens, table = lenses[work.camera], tables[work.camera]
+        if work.video:
+            _video(*work.pairs[0], lens, table)
+        else:
+            work.pairs[0][1].parent.mkdir(exist_ok=True)
+            with progress_bar(work.camera, len(work.pairs), "pictures") as advance:
+                for source, target in work.pairs:
+                    _picture(source, target, lens, table)
+                    advance(1)
+        print(work.target)
+
+
+@dataclass(frozen=True)
+class _Work:
+    """What is made of one INPUT: each file with where it goes, and target, the file or folder of all of them."""
+
+    camera: str
+    pairs: list[tuple[Path, Path]]
+    target: Path
+    video: bool = False
+
+
+def _work(given: Path, output: Path, asked: str | None, lenses: dict[str, Intrinsics]) -> _Work:
+    """Raises QuadrigError where it cannot be done, as far as that can be seen before it is."""
+    if not given.exists():
+        raise QuadrigError(f"there is no {given}; give pictures, folders of pictures, or videos")
+    name = _camera(given, asked, lenses)
+    if given.suffix.lower() in VIDEO_SUFFIXES and given.is_file():
+        import_av()
+        target = output / f"{given.stem}.mp4"
+        _refuse_same(given, target)
+        return _Work(name, [(given, target)], target, video=True)
+    pictures = folder_images(given) if given.is_dir() else [given]
+    if not pictures or any(one.suffix.lower() not in IMAGE_SUFFIXES for one in pictures):
+        raise QuadrigError(f"{given}: it is no picture, video or folder of pictures; give one of those")
+    folder = output / given.name if given.is_dir() else output
+    pairs = [(picture, folder / picture.name) for picture in pictures]
+    for source, target in pairs:
+        _refuse_same(source, target)
+        header = file_header(source)
+        if header is None:
+            raise QuadrigError(f"{source}: cannot be read as a picture; leave it out")
+        _refuse_size(header.size, lenses[name], source)
+    return _Work(name, pairs, folder if given.is_dir() else folder / given.name)
+
+
+def _refuse_shared(works: list[_Work]) -> None:
+    """Raises QuadrigError where two files would be written to one."""
+    sources: dict[Path, Path] = {}
+    for source, target in (pair for work in works for pair in work.pairs):
+        if target in sources:
+            raise QuadrigError(
+                f"{sources[target]} and {source} would both become {target}; do them one by one with -o"
+            )
+        sources[target] = source
 
 
 def _camera(given: Path, asked: str | None, lenses: dict[str, Intrinsics]) -> str:
@@ -79,18 +121,20 @@ def _camera(given: Path, asked: str | None, lenses: dict[str, Intrinsics]) -> st
     return found
 
 
-def _remapped(image: Picture, lens: Intrinsics, tables: Tables, where: Path) -> Picture:
-    height, width = image.shape[:2]
-    if (width, height) != (lens.width, lens.height):
+def _refuse_size(size: tuple[int, int], lens: Intrinsics, where: Path) -> None:
+    if size != (lens.width, lens.height):
         raise QuadrigError(
-            f"{where}: it is {width}x{height}, the lens was calibrated at {lens.width}x{lens.height}; give pictures "
-            "of that size"
+            f"{where}: it is {size[0]}x{size[1]}, the lens was calibrated at {lens.width}x{lens.height}; give "
+            "pictures of that size"
         )
+
+
+def _remapped(image: Picture, lens: Intrinsics, tables: Tables, where: Path) -> Picture:
+    _refuse_size((image.shape[1], image.shape[0]), lens, where)
     return np.asarray(cv2.remap(image, *tables, cv2.INTER_CUBIC, borderMode=cv2.BORDER_CONSTANT), image.dtype)
 
 
 def _picture(source: Path, target: Path, lens: Intrinsics, tables: Tables) -> None:
-    _refuse_same(source, target)
     try:
         image = decode_unchanged(source.read_bytes())
     except UndecodableImage as error:
@@ -102,8 +146,7 @@ def _picture(source: Path, target: Path, lens: Intrinsics, tables: Tables) -> No
         beside.write_bytes(encoded.tobytes())
 
 
-def _video(source: Path, target: Path, lens: Intrinsics, tables: Tables) -> Path:
-    _refuse_same(source, target)
+def _video(source: Path, target: Path, lens: Intrinsics, tables: Tables) -> None:
     video, av = read_video(source), import_av()
     with (
         written_beside(target) as beside,
@@ -114,7 +157,6 @@ def _video(source: Path, target: Path, lens: Intrinsics, tables: Tables) -> Path
             if image is not None:
                 write(_remapped(image, lens, tables, source), time)
             advance(1)
-    return target
 
 
 @contextmanager

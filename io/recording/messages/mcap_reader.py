@@ -421,7 +421,7 @@ def _decompress(data: bytes, header: _ChunkHeader) -> bytes:
     if refused := too_many_bytes(header.size):
         raise _RefusedError(f"it unfolds to more than is read: {refused}")
     if header.compression == "zstd":
-        return _from_zstd(data, header.size)
+        return from_zstd(data, header.size)
     if header.compression == "lz4":
         import lz4.frame
 
@@ -429,7 +429,8 @@ def _decompress(data: bytes, header: _ChunkHeader) -> bytes:
     raise _RefusedError(f"it is compressed with {header.compression!r}; convert the recording to lz4 or zstd")
 
 
-def _from_zstd(data: bytes, size: int) -> bytes:
+def from_zstd(data: bytes, size: int) -> bytes:
+    """The first `size` bytes of what these unfold to; of damaged data as much as can be had."""
     import zstandard
 
     parts: list[bytes] = []

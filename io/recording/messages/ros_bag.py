@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from quadrig.io.recording.limits import most_bytes
-from quadrig.io.recording.messages.mcap_reader import McapIndex, TopicMessages
+from quadrig.io.recording.limits import most_bytes, too_many_bytes
+from quadrig.io.recording.messages.mcap_reader import McapIndex, TopicMessages, from_zstd
 from quadrig.single.errors import QuadrigError
 
 _NTH_BITS = 32
@@ -32,6 +32,7 @@ def index_bag(path: Path) -> McapIndex:
     places: dict[tuple[str, str], list[tuple[int, int]]] = {}
     try:
         with _reader(path) as reader:
+            _left_folded(reader)
             for connection in reader.connections:
                 times = np.array(_times(reader, connection), np.int64)
                 first = np.searchsorted(times, times)
@@ -63,6 +64,7 @@ class BagBytes:
         self._reader.open()
         if path.suffix.lower() == ".bag":
             _limit_chunks(self._reader)
+        self._folded = _left_folded(self._reader)
         self._connections = {connection.id: connection for connection in self._reader.connections}
         # Of ROS 2: what is turned into CDR is its layout, in which a header has no number.
         self._types = get_typestore(Stores.ROS2_HUMBLE) if path.suffix.lower() == ".bag" else None
@@ -93,6 +95,8 @@ class BagBytes:
                     break
                 if self._last[number] > (time, nth):
                     raise ValueError("the message is not where it was")
+            if self._folded:
+                raw = _unfolded(raw, limit)
             data = raw if self._types is None else self._types.ros1_to_cdr(raw, connection.msgtype)
         except Exception as error:
             self._running.pop(number, None)
@@ -131,6 +135,24 @@ def _limit_chunks(reader: Any) -> None:
     }
     for place, chunk in reader.chunks.items():
         reader.chunks[place] = chunk._replace(decompressor=limited.get(chunk.decompressor, chunk.decompressor))
+
+
+def _left_folded(reader: Any) -> bool:
+    """Whether messages are compressed one by one; this reader then gives them so, for rosbags unfolds whatever there
+    is."""
+    directory = getattr(reader, "storage", None)
+    if getattr(reader, "compression_mode", None) != "message" or directory is None:
+        return False
+    directory.metadata = directory.metadata._replace(compression_mode=None)
+    return True
+
+
+def _unfolded(raw: bytes, limit: int | None) -> bytes:
+    """A compressed message, or its first `limit` bytes. Raises ValueError where it is larger than is read."""
+    data = from_zstd(raw, most_bytes() + 1 if limit is None else min(limit, most_bytes()))
+    if limit is None and (refused := too_many_bytes(len(data))):
+        raise ValueError(f"a message unfolds to more than is read: {refused}")
+    return data
 
 
 def _times(reader: Any, connection: Any) -> list[int]:

@@ -98,3 +98,18 @@ def test_what_is_wrong_is_one_sentence(lens, rig, tmp_path, capsys):
     cv2.imwrite(str(tmp_path / "same.png"), spotted(lens))
     assert run(["undistort", rig, str(tmp_path / "same.png"), "--camera", "cam0", "-o", str(tmp_path)]) == 1
     assert "written over" in capsys.readouterr().err
+
+
+def test_what_is_refused_is_refused_before_anything_is_written(lens, rig, tmp_path, capsys):
+    for name in ("cam0", "cam1", "nobody"):
+        (tmp_path / name).mkdir()
+        cv2.imwrite(str(tmp_path / name / "0001.png"), spotted(lens))
+    whole, picture = str(tmp_path / "cam0"), str(tmp_path / "cam0" / "0001.png")
+    for given, words in (
+        ([str(tmp_path / "nobody")], "which camera took it"),
+        ([str(tmp_path / "cam1")], "is 640x480, the lens was calibrated at 1280x720"),
+        ([picture, picture], "would both become"),
+    ):
+        assert run(["undistort", rig, whole, *given, "-o", str(tmp_path / "flat")]) == 1
+        assert words in capsys.readouterr().err
+        assert not (tmp_path / "flat").exists()

@@ -1,5 +1,6 @@
 """Bags of ROS 1 and of ROS 2 in SQLite, by rosbags' own writers: read as what they showed."""
 
+import sqlite3
 import sys
 
 import cv2
@@ -8,6 +9,7 @@ import pytest
 
 from quadrig.io.commands.main import run
 from quadrig.io.recording.messages import ros_bag
+from quadrig.io.recording.messages.mcap_reader import from_zstd as ros_bag_from_zstd
 from quadrig.io.recording.recorded_cameras import open_recording
 from quadrig.single.errors import QuadrigError
 
@@ -122,6 +124,27 @@ def test_chunks_of_ros1_unfold_no_further_than_allowed(tmp_path, pictures, monke
     monkeypatch.setattr(ros_bag, "most_bytes", lambda: 1000)
     with pytest.raises(QuadrigError, match="no images in this recording"):
         open_recording(path)
+
+
+def test_messages_of_ros2_unfold_no_further_than_allowed(tmp_path, pictures, monkeypatch):
+    """A message of zeros that unfolds to a thousand times its size is left out alone."""
+    import zstandard
+
+    write_ros2(tmp_path / "bag", pictures, "MESSAGE")
+    with sqlite3.connect(next((tmp_path / "bag").glob("*.db3"))) as bag:
+        stamped = (
+            zstandard.ZstdDecompressor()
+            .decompressobj()
+            .decompress(bag.execute("SELECT data FROM messages WHERE id = 1").fetchone()[0])
+        )
+        bomb = zstandard.ZstdCompressor().compress(stamped + bytes(20_000_000))
+        bag.execute("UPDATE messages SET data = ? WHERE id = 1", (bomb,))
+    monkeypatch.setenv("RIG_LARGEST", "1")
+    asked = []
+    monkeypatch.setattr(ros_bag, "from_zstd", lambda data, size: asked.append(size) or ros_bag_from_zstd(data, size))
+    left = open_recording(tmp_path / "bag").cameras[0]
+    assert len([image for image in left.source.images() if image is not None]) == COUNT - 1
+    assert max(asked) == 3_000_001
 
 
 def test_without_rosbags_the_extra_is_named(tmp_path, pictures, monkeypatch):
