@@ -7,7 +7,7 @@ from html import escape
 import numpy as np
 
 from quadrig.rig.sheet_shape import SheetShape
-from quadrig.rig.words import counted, figure, length, with_sigma
+from quadrig.rig.words import ONE_SIGMA, Column, counted, length, sigma_figure, with_sigma
 from quadrig.single.arrays import Floats, Ints, Mask
 from quadrig.single.lens import LENS_PARAMETERS, Intrinsics
 from quadrig.single.lens_prior import LensEvidence
@@ -17,7 +17,6 @@ from quadrig.single.view import View
 
 # More names than this are counted, so that a rig of hundreds still fits on a screen.
 _MOST_NAMED = 8
-_COLUMNS = ("camera", "focal px", "position m", "± mm", "rotation ± deg")
 
 CAMERA_PARAMETERS = len(LENS_PARAMETERS) + 6
 """Length of one camera's block in Rig.covariance: nine of the lens, then the step of rig_from_camera."""
@@ -149,10 +148,13 @@ class Rig:
     def _repr_html_(self) -> str:
         """The same as a notebook shows it, with a row for each camera."""
         headline, *lines = (escape(line.strip()) for line in repr(self).splitlines())
-        head = "".join(f"<th>{name}</th>" for name in _COLUMNS)
-        rows = ("".join(f"<td>{escape(cell)}</td>" for cell in _camera_row(self, camera)) for camera in self.cameras)
-        body = "".join(f"<tr>{row}</tr>" for row in rows)
-        return f"<p><b>{headline}</b><br>{'<br>'.join(lines)}</p><table><tr>{head}</tr>{body}</table>"
+        columns = camera_columns(self)
+        head = "".join(f"<th>{escape(column.heading)}</th>" for column in columns)
+        rows = zip(*(column.cells for column in columns), strict=True)
+        body = "".join("<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in row) + "</tr>" for row in rows)
+        return (
+            f"<p><b>{headline}</b><br>{'<br>'.join(lines)}</p><table><tr>{head}</tr>{body}</table><p>{ONE_SIGMA}</p>"
+        )
 
     def camera(self, name: str) -> Camera:
         """The camera of that name. Raises KeyError."""
@@ -206,15 +208,50 @@ def _named(names: Sequence[str]) -> str:
     return ", ".join(names[:_MOST_NAMED]) + (f" and {rest} more" if rest > 0 else "")
 
 
-def _camera_row(rig: Rig, camera: Camera) -> tuple[str, ...]:
-    """Name, focal, position, both with their sigmas, and sigma of the rotation."""
-    return (
-        camera.name,
-        with_sigma(camera.intrinsics.focal, rig.focal_sigma(camera.name)),
-        " ".join(f"{value:.4f}" for value in camera.rig_from_camera.translation + 0.0),
-        figure(1e3 * rig.position_sigma(camera.name), 2),
-        figure(np.degrees(rig.rotation_sigma(camera.name)), 4),
-    )
+def camera_columns(rig: Rig) -> list[Column]:
+    """The cameras of a rig as every table of them shows them: focal and pose with their sigmas, how well they fit."""
+    cameras = rig.cameras
+    posed = [camera.name != rig.reference for camera in cameras]
+    positions = _aligned([camera.rig_from_camera.translation + 0.0 for camera in cameras])
+    shifts = [1e3 * rig.position_sigma(camera.name) for camera in cameras]
+    turns = [np.degrees(rig.rotation_sigma(camera.name)) for camera in cameras]
+    name, focal, *fit = lens_columns([(rig, camera) for camera in cameras])
+    return [
+        name,
+        focal,
+        Column("position", "m", tuple(at if own else "rig frame" for at, own in zip(positions, posed, strict=True))),
+        Column("position", "± mm", _unless_frame(posed, shifts)),
+        Column("rotation", "± deg", _unless_frame(posed, turns)),
+        *fit,
+    ]
+
+
+def lens_columns(every: Sequence[tuple[Rig, Camera]]) -> list[Column]:
+    """The same of cameras, each of its rig, without their poses."""
+    cameras = [camera for _, camera in every]
+    focals = [with_sigma(camera.intrinsics.focal, rig.focal_sigma(camera.name)) for rig, camera in every]
+    return [
+        Column("camera", "", tuple(camera.name for camera in cameras), words=True),
+        Column("focal", "px", tuple(focals)),
+        Column("RMS", "px", tuple(_if_known(camera.rms) for camera in cameras)),
+        Column("held out", "px", tuple(_if_known(camera.held_out_rms) for camera in cameras)),
+        Column("Views", "", tuple(str(camera.views) for camera in cameras)),
+    ]
+
+
+def _aligned(rows: Sequence[Floats]) -> list[str]:
+    """Vectors in m, to a tenth of a millimetre, their parts below one another."""
+    words = [[f"{value:.4f}" for value in row] for row in rows]
+    widths = [max(map(len, part)) for part in zip(*words, strict=True)]
+    return [" ".join(word.rjust(width) for word, width in zip(row, widths, strict=True)) for row in words]
+
+
+def _unless_frame(posed: Sequence[bool], sigmas: Sequence[float]) -> tuple[str, ...]:
+    return tuple(sigma_figure(sigma) if own else "" for own, sigma in zip(posed, sigmas, strict=True))
+
+
+def _if_known(value: float) -> str:
+    return f"{value:.3f}" if np.isfinite(value) else ""
 
 
 def placed_pose(rig: Rig, rectangle: str, frameset: int) -> Pose | None:

@@ -1,6 +1,7 @@
 """Figures in words, as people write and read them."""
 
 import re
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -9,7 +10,26 @@ from quadrig.single.errors import QuadrigError
 WRONG_SIZE = "the size that was given"
 """How every sentence on a wrong size begins its complaint."""
 
+ONE_SIGMA = "± is one sigma: of a position in one direction, of a rotation about one axis."
+"""Stands once beside every result, and holds for each figure of it."""
+
 _METRES = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "in": 0.0254}
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column of a table: what it is called, the unit of its figures, a cell for each row; words: read from the
+    left, as names are."""
+
+    name: str
+    unit: str
+    cells: tuple[str, ...]
+    words: bool = False
+
+    @property
+    def heading(self) -> str:
+        """Name and unit in one line."""
+        return f"{self.name} {self.unit}".rstrip()
 
 
 def length(metres: float) -> str:
@@ -37,15 +57,30 @@ def figure(value: float, decimals: int) -> str:
     return f"{value:.{decimals}f}" if np.isfinite(value) else "unknown"
 
 
-def with_sigma(value: float, sigma: float) -> str:
+def with_sigma(value: float, sigma: float, signed: bool = False) -> str:
     """ "535.92 \u00b1 0.41": as many decimals as the sigma's second digit needs; "\u00b1 0" where it is given, and
-    "\u00b1 unknown" where it is."""
+    "\u00b1 unknown" where it is. signed: with "+" where it is above zero."""
+    sign = "+" if signed else ""
     if not np.isfinite(sigma):
-        return f"{value:.2f} \u00b1 unknown"
+        return f"{value:{sign}.2f} \u00b1 unknown"
     if not sigma > 0:
-        return f"{value:.2f} \u00b1 0"
-    decimals = int(np.clip(1 - np.floor(np.log10(sigma)), 0, 6))
-    return f"{value:.{decimals}f} \u00b1 {sigma:.{decimals}f}"
+        return f"{value:{sign}.2f} \u00b1 0"
+    decimals = _sigma_decimals(sigma)
+    return f"{value:{sign}.{decimals}f} \u00b1 {sigma:.{decimals}f}"
+
+
+def sigma_figure(sigma: float) -> str:
+    """ "0.41", "12", "0.0031": two digits that matter, and no less than whole numbers; "unknown" where it is."""
+    return f"{sigma:.{_sigma_decimals(sigma)}f}" if np.isfinite(sigma) else "unknown"
+
+
+def _sigma_decimals(sigma: float) -> int:
+    return int(np.clip(1 - np.floor(np.log10(sigma)), 0, 6)) if sigma > 0 else 0
+
+
+def one_line(name: str) -> str:
+    """A name as it can stand in a table: without line breaks and other letters that steer a terminal."""
+    return "".join(letter if letter.isprintable() else repr(letter)[1:-1] for letter in name)
 
 
 def counted(number: int, word: str) -> str:

@@ -204,14 +204,14 @@ def result_values(rig: Rig) -> dict[str, object]:
 
 
 def _between(rig: Rig, one: str, two: str) -> dict[str, object]:
-    """How far apart two cameras are, and how sure their relative pose is."""
+    """How far apart two cameras are, and how sure their relative pose is: sigmas of one direction and one axis."""
     variance = rig.relative_covariance(one, two).diagonal()
     step = rig.camera(one).rig_from_camera.translation - rig.camera(two).rig_from_camera.translation
     return {
         "cameras": [one, two],
         "distance_m": math.hypot(*step),
         "sigma": {
-            "rotation_deg": math.degrees(math.sqrt(max(variance[:3].sum(), 0.0))),
-            "position_m": math.sqrt(max(variance[3:].sum(), 0.0)),
+            "rotation_deg": math.degrees(math.sqrt(max(variance[:3].sum() / 3, 0.0))),
+            "position_m": math.sqrt(max(variance[3:].sum() / 3, 0.0)),
         },
     }

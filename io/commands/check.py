@@ -17,7 +17,7 @@ from quadrig.io.rig_file.rig_mcap import RigFile, read_rig_file
 from quadrig.io.search.later_recording import views_of
 from quadrig.rig.doubt.verdict import out_of_step
 from quadrig.rig.moved import CameraMove, find_moved
-from quadrig.rig.words import length
+from quadrig.rig.words import ONE_SIGMA, length
 from quadrig.single.errors import QuadrigError
 
 MOVED = 3
@@ -54,11 +54,24 @@ def check(
             "rectangle), so that small moves may be reported that are none",
             file=sys.stderr,
         )
-    print(json_text(move_values(moves, false_alarms)) if as_json else "\n".join(map(sentence, moves)))
+    if as_json:
+        print(json_text(move_values(moves, false_alarms)))
+    else:
+        _print(moves)
     if all(move.state == "cannot tell" for move in moves):
         raise QuadrigError(f"{recording[0]}: whether a camera has moved cannot be determined; {moves[0].why}")
     if any(move.state == "moved" for move in moves):
         raise typer.Exit(MOVED)
+
+
+def _print(moves: Sequence[CameraMove]) -> None:
+    from quadrig.io.report.terminal import console, print_sentence
+
+    where = console()
+    for move in moves:
+        print_sentence(sentence(move), where, style="bold red" if move.state == "moved" else None)
+    if any(move.state == "moved" for move in moves):
+        print_sentence(ONE_SIGMA, where)
 
 
 def move_values(moves: Sequence[CameraMove], false_alarms: float) -> dict:

@@ -6,13 +6,14 @@ from typing import Annotated
 import numpy as np
 import typer
 
+from quadrig.io.drawing.difference_columns import difference_columns
 from quadrig.io.formats.any_file import read_any_rig
 from quadrig.io.formats.rig_json import json_text
 from quadrig.io.viewer import show as rerun_show
 from quadrig.rig.comparison import CameraDifference, Comparison
 from quadrig.rig.comparison import compare as compare_rigs
 from quadrig.rig.result import Rig
-from quadrig.rig.words import figure, length
+from quadrig.rig.words import ONE_SIGMA
 
 # A difference this unlikely by chance is called one.
 _UNLIKELY = 0.01
@@ -70,24 +71,13 @@ def summary(found: Comparison) -> list[str]:
 
 
 def _print(found: Comparison) -> None:
-    from rich.console import Console
-    from rich.table import Table
+    from quadrig.io.report.terminal import console, print_sentence, print_table
 
-    table = Table(title="second minus first, in the first's frame", title_justify="left")
-    for column in ("camera", "focal px", "position", "rotation degrees", "sigmas"):
-        table.add_column(column, justify="left" if column == "camera" else "right")
-    for one in found.cameras:
-        table.add_row(
-            one.name,
-            f"{one.focal:+.2f} ± {figure(one.focal_sigma, 2)}",
-            f"{length(one.shift)} ± {length(one.shift_sigma)}",
-            f"{np.degrees(one.rotation):.4f} ± {figure(np.degrees(one.rotation_sigma), 4)}",
-            figure(one.sigmas, 1),
-            style="bold red" if one.chance < _UNLIKELY else None,
-        )
-    console = Console()
-    console.print(table)
-    console.print("\n".join(summary(found)), markup=False, highlight=False)
+    where = console()
+    styles = ["bold red" if one.chance < _UNLIKELY else None for one in found.cameras]
+    print_table(difference_columns(found), where, "second minus first, in the frame of the first", styles)
+    for line in (ONE_SIGMA, *summary(found)):
+        print_sentence(line, where)
 
 
 def _values(one: CameraDifference) -> dict:

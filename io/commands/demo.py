@@ -2,25 +2,25 @@
 
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Annotated
 
 import numpy as np
 import typer
-from rich.table import Table
 
 from quadrig.io.commands.calibrate import result_values
 from quadrig.io.config.rig_toml import read_config, write_config
 from quadrig.io.demo.rendered_recording import demo_config, write_demo_recording
 from quadrig.io.demo.scene import Scene, demo_scene
 from quadrig.io.demo.truth import TruthCheck, all_within, compare_with_truth
-from quadrig.io.report.table import console, print_rig, with_sigma
+from quadrig.io.report.table import print_rig
+from quadrig.io.report.terminal import console, print_sentence, print_table
 from quadrig.io.rig_file.rig_mcap import read_rig_file, write_rig
 from quadrig.io.search.effort import Effort
 from quadrig.io.search.whole_recording import calibrate_searched, refuse_missing, search_recording
 from quadrig.rig.result import Rig
-from quadrig.rig.words import length
+from quadrig.rig.words import Column, sigma_figure, with_sigma
 from quadrig.single.errors import QuadrigError
 
 
@@ -73,16 +73,13 @@ def _show(rig: Rig, scene: Scene, written: Sequence[Path], as_json: bool) -> Non
         return
     where = console()
     print_rig(rig, where)
-    where.print("\n[bold]beside the truth[/]")
-    where.print(_truth_table(rig, compared))
+    print_table(_truth_columns(rig, compared), where, "beside the truth")
     figures = 3 * len(compared)
-    held = sum(sum(one.within) for one in compared)
-    where.print(
-        f"the truth lies within the sigmas (99.7 %) in all {figures} figures"
-        if all_within(compared)
-        else f"the truth lies within the sigmas (99.7 %) in {held} of {figures} figures"
-    )
-    where.print("\nwritten: " + ", ".join(str(path) for path in written))
+    held = figures if all_within(compared) else sum(sum(one.within) for one in compared)
+    many = f"all {figures}" if held == figures else f"{held} of {figures}"
+    print_sentence(f"the truth lies within the sigmas (99.7 %) in {many} figures", where)
+    where.print()
+    print_sentence("written: " + ", ".join(str(path) for path in written), where)
 
 
 def _truth_values(one: TruthCheck) -> dict[str, object]:
@@ -94,27 +91,20 @@ def _truth_values(one: TruthCheck) -> dict[str, object]:
     }
 
 
-def _truth_table(rig: Rig, compared: Sequence[TruthCheck]) -> Table:
-    table = Table(box=None, pad_edge=False, header_style="bold")
-    table.add_column("camera", no_wrap=True)
-    headings = ("focal px", "truth", "position off", "± sigma", "rotation off", "± sigma", "truth within sigma")
-    for heading in headings:
-        table.add_column(heading, justify="right", no_wrap=True)
-    for one in compared:
-        stands = one.camera == rig.reference
-        pose = (
-            ["rig frame", "", "", ""]
-            if stands
-            else [
-                length(one.position_error),
-                length(one.position_sigma),
-                f"{np.degrees(one.rotation_error):.4f} deg",
-                f"{np.degrees(one.rotation_sigma):.4f} deg",
-            ]
-        )
-        focal = with_sigma(one.focal, one.focal_sigma)
-        table.add_row(one.camera, focal, f"{one.focal_truth:.2f}", *pose, _verdict(one))
-    return table
+def _truth_columns(rig: Rig, compared: Sequence[TruthCheck]) -> list[Column]:
+    def of_pose(figure: Callable[[TruthCheck], str]) -> tuple[str, ...]:
+        return tuple("" if one.camera == rig.reference else figure(one) for one in compared)
+
+    return [
+        Column("camera", "", tuple(one.camera for one in compared), words=True),
+        Column("focal", "px", tuple(with_sigma(one.focal, one.focal_sigma) for one in compared)),
+        Column("truth", "px", tuple(f"{one.focal_truth:.2f}" for one in compared)),
+        Column("off by", "mm", of_pose(lambda one: sigma_figure(1e3 * one.position_error))),
+        Column("position", "± mm", of_pose(lambda one: sigma_figure(1e3 * one.position_sigma))),
+        Column("off by", "deg", of_pose(lambda one: sigma_figure(np.degrees(one.rotation_error)))),
+        Column("rotation", "± deg", of_pose(lambda one: sigma_figure(np.degrees(one.rotation_sigma)))),
+        Column("truth within", "sigma", tuple(_verdict(one) for one in compared)),
+    ]
 
 
 def _verdict(one: TruthCheck) -> str:

@@ -1,5 +1,6 @@
 """`rig info`: what a recording holds, which topics are cameras, what would be used."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -10,6 +11,8 @@ from quadrig.io.recording.camera import RecordedCamera
 from quadrig.io.recording.framesets import CameraReport, Framesets, build_framesets
 from quadrig.io.recording.messages.mcap_reader import index_mcap, is_mcap
 from quadrig.io.recording.recorded_cameras import Recording, open_recording
+from quadrig.io.report.terminal import console, print_sentence, print_table
+from quadrig.rig.words import Column
 from quadrig.single.errors import QuadrigError
 
 
@@ -57,12 +60,16 @@ def _print_rig(path: Path, as_json: bool) -> None:
 
 
 def _as_json(recording: Recording, framesets: Framesets) -> dict[str, Any]:
+    offsets = dict(zip(framesets.cameras, clock_offsets(framesets.report), strict=True))
     reports = {report.camera: report for report in framesets.report}
     return {
         "paths": [str(path) for path in recording.paths],
         "indexed": recording.indexed,
         "seconds": _seconds(framesets),
-        "cameras": {camera.name: _camera_json(camera, reports[camera.name]) for camera in recording.cameras},
+        "cameras": {
+            camera.name: _camera_json(camera, reports[camera.name], offsets[camera.name])
+            for camera in recording.cameras
+        },
         "framesets": {
             "count": len(framesets),
             "tolerance_s": framesets.tolerance,
@@ -76,7 +83,7 @@ def _as_json(recording: Recording, framesets: Framesets) -> dict[str, Any]:
     }
 
 
-def _camera_json(camera: RecordedCamera, report: CameraReport) -> dict[str, Any]:
+def _camera_json(camera: RecordedCamera, report: CameraReport, offset: float | None) -> dict[str, Any]:
     prior = camera.prior
     return {
         "topic": camera.topic,
@@ -87,52 +94,53 @@ def _camera_json(camera: RecordedCamera, report: CameraReport) -> dict[str, Any]
         "rate_hz": _rate(camera),
         "used": report.used,
         "dropped": report.dropped,
-        "median_offset_s": None if report.used == 0 else report.offset,
+        "median_offset_s": offset,
         "prior_focal_px": None if prior is None else prior.focal,
     }
 
 
-# Column headings, and which are numbers, to be read from the right.
-_HEADINGS = ("camera", "images", "Hz", "used", "dropped", "offset ms", "size", "stored as", "lens given", "from")
-_NUMBERS = range(1, 7)
+def _columns(recording: Recording, framesets: Framesets) -> list[Column]:
+    cameras, reports = recording.cameras, framesets.report
+    rates, offsets = [_rate(camera) for camera in cameras], clock_offsets(reports)
+    priors = [camera.prior for camera in cameras]
+    return [
+        Column("camera", "", tuple(camera.name for camera in cameras), words=True),
+        Column("images", "", tuple(str(camera.frames) for camera in cameras)),
+        Column("rate", "Hz", tuple("" if rate is None else f"{rate:.2f}" for rate in rates)),
+        Column("used", "", tuple(str(report.used) for report in reports)),
+        Column("dropped", "", tuple(str(report.dropped) for report in reports)),
+        Column("later", "ms", tuple("" if late is None else f"{1e3 * late:.1f}" for late in offsets)),
+        Column("size", "px", tuple(f"{camera.width}x{camera.height}" for camera in cameras)),
+        Column("stored as", "", tuple(camera.encoding for camera in cameras), words=True),
+        Column("focal given", "px", tuple("no" if prior is None else f"{prior.focal:.1f}" for prior in priors)),
+        Column("topic", "", tuple(camera.topic for camera in cameras), words=True),
+    ]
+
+
+def clock_offsets(reports: Sequence[CameraReport]) -> list[float | None]:
+    """By how much the stamps of one instant come after those of the first camera, s; None where there are none."""
+    first = next((report.offset for report in reports if report.used), 0.0)
+    return [report.offset - first + 0.0 if report.used else None for report in reports]
 
 
 def _print(recording: Recording, framesets: Framesets) -> None:
-    rows: list[tuple[str, ...]] = [_HEADINGS]
-    for camera, report in zip(recording.cameras, framesets.report, strict=True):
-        rate = _rate(camera)
-        rows.append(
-            (
-                camera.name,
-                str(camera.frames),
-                "" if rate is None else f"{rate:.2f}",
-                str(report.used),
-                str(report.dropped),
-                "" if report.used == 0 else f"{1e3 * report.offset:.1f}",
-                f"{camera.width}x{camera.height}",
-                camera.encoding,
-                "no" if camera.prior is None else f"f {camera.prior.focal:.1f} px",
-                camera.topic,
-            )
-        )
-    # Not rich's table: loading it would take as long as reading the recording.
-    widths = [max(len(row[k]) for row in rows) for k in range(len(_HEADINGS))]
-    for row in rows:
-        cells = (
-            word.rjust(width) if k in _NUMBERS else word.ljust(width)
-            for k, (word, width) in enumerate(zip(row, widths, strict=True))
-        )
-        print("  ".join(cells).rstrip())
+    where = console()
+    print_table(_columns(recording, framesets), where)
+    where.print()
     sizes, whole = framesets.sizes(), len(framesets.cameras)
-    print(
+    sentences = [
         f"{len(framesets)} framesets over {_seconds(framesets):.1f} s, "
         f"{sum(sizes == whole)} with all {whole} cameras, {sum(sizes > 1)} with more than one; "
         f"stamps within {1e3 * framesets.tolerance:.1f} ms"
-    )
-    for topic, schema, count in recording.other_topics:
-        print(f"not used: {topic} ({schema}, {count} messages)")
-    for note in recording.notes:
-        print(f"note: {note}")
+    ]
+    if whole > 1:
+        first = framesets.cameras[0]
+        sentences.append(f"later: by how much the stamps of one instant come after those of {first}")
+    sentences += [
+        f"not used: {topic} ({schema}, {count} messages)" for topic, schema, count in recording.other_topics
+    ]
+    for sentence in (*sentences, *(f"note: {note}" for note in recording.notes)):
+        print_sentence(sentence, where)
 
 
 def _rate(camera: RecordedCamera) -> float | None:

@@ -18,7 +18,7 @@ Grade = Literal["good", "with care", "not yet"]
 # Sigmas from which a sheet is said not to be flat: by chance one in a thousand.
 _BOWED = 3.3
 # Held-out framesets that miss this much more than those of the fit: the rig follows its noise, not the room.
-_OVERFITTED = 1.5
+_OVERFITTED = 3.0
 # Pictures of the world leave this much (px) at best; sheets where no other was seen are foretold no better.
 _USUAL_RMS = 0.1
 PATTERN = 3.0
@@ -32,10 +32,12 @@ _LOOSE = 2.0
 
 @dataclass(frozen=True)
 class Verdict:
-    """grade and headline, then sentences: what is good, and what is weak with what to do about it."""
+    """grade and headline; holds: of what the working accuracy that heads it holds, and of what not, or ""; then
+    sentences: what is good, and what is weak with what to do about it."""
 
     grade: Grade
     headline: str
+    holds: str
     good: tuple[str, ...]
     weak: tuple[str, ...]
 
@@ -44,7 +46,7 @@ def verdict(rig: Rig) -> Verdict:
     """What to believe of a rig."""
     weak = weak_points(rig)
     grade = _grade(rig, weak)
-    return Verdict(grade, _headline(rig, grade), tuple(_good(rig)), weak)
+    return Verdict(grade, _headline(rig, grade), _holds(rig), tuple(_good(rig)), weak)
 
 
 def weak_points(rig: Rig) -> tuple[str, ...]:
@@ -61,7 +63,7 @@ def _grade(rig: Rig, weak: Sequence[str]) -> Grade:
     if not rig.is_doubt_known:
         return "with care"
     unseparated = any(not camera.observable_focal for camera in rig.cameras)
-    if unseparated or not is_determined(rig) or _overfitted(rig, 2 * _OVERFITTED):
+    if unseparated or not is_determined(rig) or _overfitted(rig):
         return "not yet"
     return "with care" if weak else "good"
 
@@ -88,12 +90,29 @@ def _headline(rig: Rig, grade: Grade) -> str:
     return f"Good for {accuracy}{care}"
 
 
+def _holds(rig: Rig) -> str:
+    """Of what the working accuracy holds, and what stands beside it: the noise of a point's own pixels, and the scale
+    of all lengths."""
+    if len(rig.cameras) < 2 or not (is_determined(rig) and np.isfinite([rig.point_accuracy, rig.scale_sigma]).all()):
+        return ""
+    positions = np.array([camera.rig_from_camera.translation for camera in rig.cameras])
+    span = float(np.linalg.norm(positions[:, None] - positions, axis=-1).max())
+    scale = rig.scale_sigma * span
+    advice = "; measure what came out of the printer, and give scale_sigma" if scale > rig.working_accuracy else ""
+    return (
+        f"{length(rig.working_accuracy)} is the rig's own part in the sigma of a triangulated point; with the noise "
+        f"of its pixels it is {length(rig.point_accuracy)}. All lengths together are known to "
+        f"{100 * rig.scale_sigma:.2g} %, {length(scale)} of the {length(span)} between its cameras: no picture shows "
+        f"the scale of the prints{advice}."
+    )
+
+
 def _good(rig: Rig) -> list[str]:
     sentences = []
     if np.isfinite(rig.held_out_rms):
-        against = "those of the fit to" if _overfitted(rig, _OVERFITTED) else "as well as those of the fit,"
         sentences.append(
-            f"Framesets held out of the fit are predicted to {rig.held_out_rms:.2f} px, {against} {rig.rms:.2f} px."
+            f"Framesets held out of the fit are predicted to {rig.held_out_rms:.2f} px, those of the fit to "
+            f"{rig.rms:.2f} px."
         )
     elif np.isfinite(rig.rms):
         sentences.append(f"The fit agrees with its Views to {rig.rms:.2f} px.")
@@ -104,12 +123,7 @@ def _good(rig: Rig) -> list[str]:
         worst = max(rig.cameras, key=lambda camera: rig.position_sigma(camera.name))
         sentences.append(
             f"Every camera's position is known to {length(rig.position_sigma(worst.name))} or better "
-            f"(worst: {worst.name}), one sigma of one direction."
-        )
-    if np.isfinite(rig.point_accuracy):
-        sentences.append(
-            f"A single point is placed to {length(rig.point_accuracy)}, the noise of its own pixels included; all "
-            f"lengths together are right to {100 * rig.scale_sigma:.2g} %, as the sizes of the sheets are known."
+            f"(worst: {worst.name})."
         )
     sentences += [sentence for placed in rig.rectangles if (sentence := _bowed(placed))]
     return sentences
@@ -125,8 +139,8 @@ def _bowed(placed: PlacedRectangle) -> str:
     return f"{placed.name} is not flat: it spans {1e3 * height:.1f} ± {1e3 * sigma:.1f} mm; this is reckoned with."
 
 
-def _overfitted(rig: Rig, factor: float) -> bool:
-    return bool(np.isfinite(rig.held_out_rms) and rig.held_out_rms > factor * max(rig.rms, _USUAL_RMS))
+def _overfitted(rig: Rig) -> bool:
+    return bool(np.isfinite(rig.held_out_rms) and rig.held_out_rms > _OVERFITTED * max(rig.rms, _USUAL_RMS))
 
 
 def contradiction_limit(views: Sequence[Disagreement]) -> float:
@@ -150,7 +164,7 @@ def _contradictions(every: Sequence[Disagreement]) -> list[str]:
     sentences = []
     if usual > _LOOSE:
         sentences.append(
-            f"Half of the Views miss the rig by more than {usual:.1f} of their own sigmas: the cameras did not take "
+            f"half of the Views miss the rig by more than {usual:.1f} of their own sigmas: the cameras did not take "
             "their pictures at one instant, or a rectangle bends; hold it still for a moment in each place"
         )
     wrong = [one for one in every if one.sigmas > limit and not one.rejected]

@@ -132,4 +132,5 @@ def _rejected(fits: Sequence[ViewFit]) -> list[str]:
     ]
     rest = sum(len(seen) for _, seen in most[_NAMED:])
     total = sum(len(seen) for seen in out.values())
-    return [f"{total} of {len(fits)} Views were rejected: {_listed([*named, *([f'{rest} more'] if rest else [])])}"]
+    were = "was" if total == 1 else "were"
+    return [f"{total} of {len(fits)} Views {were} rejected: {_listed([*named, *([f'{rest} more'] if rest else [])])}"]

@@ -6,6 +6,7 @@ from html.parser import HTMLParser
 import numpy as np
 
 from quadrig.rig import Camera, Rig
+from quadrig.rig.result import camera_columns
 
 
 class Table(HTMLParser):
@@ -69,16 +70,19 @@ def test_a_rig_without_views_says_so():
 def test_a_notebook_shows_a_row_for_each_camera(board_rig):
     _, rig = board_rig
     table = Table(rig._repr_html_())
-    assert table.rows[0] == ["camera", "focal px", "position m", "\u00b1 mm", "rotation \u00b1 deg"]
+    assert table.rows[0] == [column.heading for column in camera_columns(rig)]
+    assert table.rows[0][:5] == ["camera", "focal px", "position m", "position \u00b1 mm", "rotation \u00b1 deg"]
     assert [row[0] for row in table.rows[1:]] == ["cam0", "cam1", "cam2"]
     for row, camera in zip(table.rows[1:], rig.cameras, strict=True):
         focal, sigma = (float(part) for part in row[1].split(" \u00b1 "))
         assert abs(focal - camera.intrinsics.focal) <= 0.05 * rig.focal_sigma(camera.name) + 1e-6
         assert abs(sigma / rig.focal_sigma(camera.name) - 1) < 0.06
-        np.testing.assert_allclose(
-            [float(part) for part in row[2].split()], camera.rig_from_camera.translation, atol=6e-5
-        )
-        assert abs(float(row[3]) - 1e3 * rig.position_sigma(camera.name)) < 0.006
+        if camera.name == rig.reference:
+            assert row[2:5] == ["rig frame", "", ""]
+            continue
+        position, sigma = camera.rig_from_camera.translation, 1e3 * rig.position_sigma(camera.name)
+        np.testing.assert_allclose([float(part) for part in row[2].split()], position, atol=6e-5)
+        assert abs(float(row[3]) - sigma) <= 0.06 * sigma
 
 
 def test_names_are_text_and_no_markup(board_rig):

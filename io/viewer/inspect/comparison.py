@@ -2,18 +2,19 @@
 
 from collections.abc import Sequence
 
-import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
+from quadrig.io.drawing.difference_columns import difference_columns
 from quadrig.io.drawing.geometry import apart, extent, first_eye, positions, round_down
 from quadrig.io.drawing.palette import FAULT, STATIC, rig_colours
+from quadrig.io.drawing.tables import markdown_table
 from quadrig.io.viewer.inspect.blueprint import space_view
 from quadrig.io.viewer.inspect.space import log_frustum
 from quadrig.io.viewer.shapes import named_points
 from quadrig.rig.comparison import Comparison
 from quadrig.rig.result import Rig
-from quadrig.rig.words import figure, length
+from quadrig.rig.words import ONE_SIGMA
 
 
 def comparison_blueprint(first: Rig) -> rrb.Blueprint:
@@ -61,12 +62,17 @@ def _arrow_scale(size: float, found: Comparison) -> float:
 
 
 def _markdown(found: Comparison, sentences: Sequence[str], scale: float) -> str:
-    rows = [
-        f"| {one.name} | {one.focal:+.2f} ± {figure(one.focal_sigma, 2)} "
-        f"| {length(one.shift)} ± {length(one.shift_sigma)} "
-        f"| {np.degrees(one.rotation):.4f} ± {figure(np.degrees(one.rotation_sigma), 4)} | {figure(one.sigmas, 1)} |"
-        for one in found.cameras
-    ]
-    head = ["| camera | focal px | position | rotation degrees | sigmas |", "|---|---|---|---|---|"]
     note = f"First in colour, second grey; red arrows: shifts, drawn {scale:.0f} times longer."
-    return "\n".join([f"## {sentences[0]}", "", *sentences[1:], "", *head, *rows, "", note])
+    return "\n".join(
+        [
+            f"## {sentences[0]}",
+            "",
+            *sentences[1:],
+            "",
+            *markdown_table(difference_columns(found)),
+            "",
+            ONE_SIGMA,
+            "",
+            note,
+        ]
+    )

@@ -56,6 +56,16 @@ def test_nothing_is_cut_off_at_80_columns(example_rig, lens_only_rig):
             assert with_sigma(camera.intrinsics.focal, rig.focal_sigma(camera.name)) in text
 
 
+def test_what_the_working_accuracy_holds_stands_beside_it(example_rig):
+    # A scale of 0.1 % is 3 mm of 3 m, far beyond the 0.2 mm of a point: the headline alone would promise too much.
+    rig = replace(example_rig, working_accuracy=2e-4, point_accuracy=3e-4, scale_sigma=1e-3)
+    holds = verdict(rig).holds
+    for words in ("0.2 mm", "0.3 mm", "0.1 %", "scale_sigma"):
+        assert words in holds
+    assert "scale_sigma" not in verdict(replace(rig, scale_sigma=1e-6)).holds
+    assert verdict(replace(rig, scale_sigma=float("nan"))).holds == ""
+
+
 def test_a_camera_that_has_only_a_lens_is_shown_as_that(lens_only_rig):
     text = printed(lens_only_rig)
     below = text[text.index("lens only") :]
@@ -102,7 +112,7 @@ def test_terminal_report_and_viewer_say_one_list(example_rig, lens_only_rig):
     for rig in (example_rig, lens_only_rig):
         said = verdict(rig)
         page, words = report_html(RigFile(rig)), verdict_markdown(rig)
-        for sentence in (said.headline, *said.weak):
+        for sentence in (said.headline, said.holds, *said.weak):
             assert sentence in printed(rig, width=1000)
             assert escape(sentence) in page
             assert sentence in words
