@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from quadrig.io.search.whole_recording import calibrate_recording as calibrate_recording
     from quadrig.io.search.whole_recording import calibrate_searched as calibrate_searched
     from quadrig.io.search.whole_recording import search_recording as search_recording
+    from quadrig.io.version import __version__ as __version__
 
 _MODULE_OF = {
     "CameraConfig": "config.rig_toml",
@@ -59,6 +60,7 @@ _MODULE_OF = {
     "calibrate_recording": "search.whole_recording",
     "calibrate_searched": "search.whole_recording",
     "search_recording": "search.whole_recording",
+    "__version__": "version",
 }
 
 __all__ = list(_MODULE_OF)

@@ -100,9 +100,9 @@ def _named() -> None:
 
 def _version(asked: bool) -> None:
     if asked:
-        from importlib.metadata import version
+        from quadrig.io.version import __version__
 
-        typer.echo(f"rig {version('quadrig')}")
+        typer.echo(f"rig {__version__}")
         raise typer.Exit
 
 

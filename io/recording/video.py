@@ -4,7 +4,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -27,15 +26,6 @@ _LUMA_FIRST = {
 _KEY_FRAME_BYTES = 1500
 # Batches longer than this give no more speed, and the progress bar would stand still too long.
 _LONGEST_BATCH = 120
-
-
-def import_av() -> ModuleType:
-    """PyAV. Raises QuadrigError where it is not installed."""
-    try:
-        import av
-    except ImportError as error:
-        raise QuadrigError("videos need PyAV; install it with: pip install 'quadrig[video]'") from error
-    return av
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +78,8 @@ class VideoFile:
 
     def _frames(self) -> Iterator[tuple[int, Any]]:
         """Frames with their times, from the key frame before the first time on, as far as the file can be read."""
-        av = import_av()
+        import av
+
         try:
             with av.open(str(self.path)) as container:
                 stream = container.streams.video[0]
@@ -161,7 +152,8 @@ class McapVideo:
         return _begins_key_frame(opened.data(index, _KEY_FRAME_BYTES), self.encoding)
 
     def _frames(self) -> Iterator[Any]:
-        av = import_av()
+        import av
+
         decoder = av.CodecContext.create(_CODECS.get(self.encoding, self.encoding), "r")
         decoder.thread_count = 1
         decoder.options = {"max_pixels": str(most_pixels())}
@@ -178,7 +170,8 @@ class McapVideo:
 
 def read_video(path: Path) -> VideoFile:
     """The frames of a video file, found without decoding them. Raises QuadrigError where it is no video."""
-    av = import_av()
+    import av
+
     try:
         with av.open(str(path)) as container:
             if not container.streams.video:

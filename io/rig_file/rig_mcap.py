@@ -6,7 +6,6 @@ outline as foxglove.PointCloud, so that viewers that know no rectangle draw it t
 /quadrig/rig and /quadrig/views. rig.toml is an attachment, versions are metadata "quadrig".
 """
 
-import importlib.metadata
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,6 +25,7 @@ from quadrig.io.rig_file.record import (
     encode_rig,
 )
 from quadrig.io.topic_writer import TopicWriter
+from quadrig.io.version import __version__
 from quadrig.io.whole_file import written_beside
 from quadrig.rig.result import Camera, PlacedRectangle, Rig, ViewFit
 from quadrig.single.errors import QuadrigError
@@ -70,7 +70,7 @@ def write_rig(path: Path | str, rig: Rig, config_text: str = "", times: Sequence
             writer.write_protobuf(f"/{placed.name}/outline", _outline(placed, first), first)
         _write_record(writer, rig, times, known)
         writer.attach(CONFIG_ATTACHMENT, "application/toml", config_text.encode(), first)
-        writer.add_metadata("quadrig", {"version": _version(), "record": str(RECORD_FORMAT)})
+        writer.add_metadata("quadrig", {"version": __version__, "record": str(RECORD_FORMAT)})
         writer.finish()
 
 
@@ -201,13 +201,6 @@ def _outline(placed: PlacedRectangle, time: int) -> Any:
     for index, name in enumerate("xyz"):
         message.fields.add(name=name, offset=4 * index, type=PackedElementField.FLOAT32)
     return message
-
-
-def _version() -> str:
-    try:
-        return importlib.metadata.version("quadrig")
-    except importlib.metadata.PackageNotFoundError:
-        return "unknown"
 
 
 def _first_line(error: Exception) -> str:

@@ -17,7 +17,7 @@ from quadrig.io.formats.maps import remap_tables
 from quadrig.io.progress import progress_bar
 from quadrig.io.recording.decode_image import UndecodableImage, decode_unchanged
 from quadrig.io.recording.image_folder import IMAGE_SUFFIXES, file_header, folder_images
-from quadrig.io.recording.video import VIDEO_SUFFIXES, VideoFile, import_av, read_video
+from quadrig.io.recording.video import VIDEO_SUFFIXES, VideoFile, read_video
 from quadrig.io.whole_file import written_beside
 from quadrig.single.arrays import Picture
 from quadrig.single.errors import QuadrigError
@@ -79,7 +79,6 @@ def _work(given: Path, output: Path, asked: str | None, lenses: dict[str, Intrin
         raise QuadrigError(f"there is no {given}; give pictures, folders of pictures, or videos")
     name = _camera(given, asked, lenses)
     if given.suffix.lower() in VIDEO_SUFFIXES and given.is_file():
-        import_av()
         target = output / f"{given.stem}.mp4"
         _refuse_same(given, target)
         return _Work(name, [(given, target)], target, video=True)
@@ -147,7 +146,9 @@ def _picture(source: Path, target: Path, lens: Intrinsics, tables: Tables) -> No
 
 
 def _video(source: Path, target: Path, lens: Intrinsics, tables: Tables) -> None:
-    video, av = read_video(source), import_av()
+    import av
+
+    video = read_video(source)
     with (
         written_beside(target) as beside,
         _stream(av, beside, lens, video) as write,

@@ -1,0 +1,101 @@
+"""What is installed, released and cited agrees: imports and requirements, versions, recipes, addresses."""
+
+import ast
+import re
+import sys
+import tomllib
+from importlib.metadata import packages_distributions
+from pathlib import Path
+
+import pytest
+import yaml
+
+from quadrig.io import __version__
+
+ROOT = Path(__file__).resolve().parents[1]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+# Blender runs what `rig export --format blender` writes, in a Python of its own.
+_INSIDE_BLENDER = {"bpy", "mathutils"}
+# conda-forge's names where they are others.
+_CONDA = {"opencv-python-headless": "py-opencv"}
+
+
+def name_of(requirement: str) -> str:
+    return re.split(r"[\s\[<>=~!;]", requirement, maxsplit=1)[0].lower().replace("_", "-")
+
+
+def imported(tree: ast.AST) -> set[str]:
+    """The top-level modules that a file imports."""
+    found: set[str] = set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.level == 0 and node.module:
+            found.add(node.module)
+    return found
+
+
+def distributions(module: str) -> set[str]:
+    """Who brings a module. Those of google.* share their first name: the module itself says which one it is."""
+    if module.startswith("google."):
+        return {module.split(".")[1]}
+    return {name_of(name) for name in packages_distributions().get(module.split(".")[0], [])}
+
+
+def test_what_is_imported_is_required_and_what_is_required_is_imported() -> None:
+    files = [path for room in ("single", "rig", "io") for path in (ROOT / room).rglob("*.py")]
+    modules = {module for path in files for module in imported(ast.parse(path.read_text()))}
+    outside = {
+        module
+        for module in modules
+        if module.split(".")[0] not in sys.stdlib_module_names | {"quadrig"} | _INSIDE_BLENDER
+    }
+    required = {name_of(one) for one in PROJECT["dependencies"]}
+    optional = {name_of(one) for extra in ("usd", "bags", "dask") for one in PROJECT["optional-dependencies"][extra]}
+    brought = {module: distributions(module) for module in outside}
+    assert {module: by for module, by in brought.items() if by and not by & (required | optional)} == {}
+    used = set().union(*brought.values())
+    assert required - used == set()
+
+
+def test_every_file_that_says_the_version_says_the_same() -> None:
+    assert __version__ == PROJECT["version"]
+    assert yaml.safe_load((ROOT / "CITATION.cff").read_text())["version"] == __version__
+    assert f"## {__version__}" in (ROOT / "CHANGELOG.md").read_text()
+    recipe = yaml.safe_load((ROOT / "packaging/conda-forge/recipe.yaml").read_text())
+    assert recipe["context"]["version"] == __version__
+
+
+def test_conda_forge_installs_what_pip_does() -> None:
+    run = yaml.safe_load((ROOT / "packaging/conda-forge/recipe.yaml").read_text())["requirements"]["run"]
+    for requirement in PROJECT["dependencies"]:
+        name = name_of(requirement)
+        assert f"{_CONDA.get(name, name)} {requirement[len(name) :]}" in run
+    assert len(run) == len(PROJECT["dependencies"]) + 1  # and Python itself
+
+
+def test_a_released_readme_has_whole_links(load_script) -> None:
+    at_home = load_script("packaging/at_home.py")
+    text = at_home.whole_links((ROOT / "README.md").read_text(), "https://example.org/quadrig", "v1")
+    links = re.findall(r"\]\(([^)]+)\)", text)
+    assert all(link.startswith("https://") for link in links)
+    assert "https://example.org/quadrig/raw/v1/docs/demo.jpg" in links
+    assert "https://example.org/quadrig/blob/v1/CONTRIBUTING.md" in links
+
+
+def test_a_released_project_has_addresses(load_script) -> None:
+    at_home = load_script("packaging/at_home.py")
+    text = at_home.with_addresses((ROOT / "pyproject.toml").read_text(), "https://example.org/q", "https://pages.org")
+    urls = tomllib.loads(text)["project"]["urls"]
+    assert urls["Homepage"] == "https://example.org/q"
+    assert urls["Documentation"] == "https://pages.org"
+
+
+def test_the_pythons_that_are_stated_begin_with_the_oldest_that_installs() -> None:
+    versions = [line.rpartition(" ")[2] for line in PROJECT["classifiers"] if re.search(r"Python :: 3\.\d+$", line)]
+    assert PROJECT["requires-python"] == f">={versions[0]}"
+
+
+@pytest.mark.parametrize("folder", ["tests", "examples", "docs", "benchmarks", "packaging"])
+def test_the_source_archive_takes_whole_folders(folder: str) -> None:
+    assert f"graft {folder}\n" in (ROOT / "MANIFEST.in").read_text()
