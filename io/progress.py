@@ -4,6 +4,8 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
+from quadrig.io.verbosity import is_quiet, timed
+
 Advance = Callable[[int], None]
 """Called with the number of things done since the last call."""
 
@@ -18,8 +20,9 @@ def progress_bar(stage: str, total: int, unit: str = "frames", quiet: bool = Fal
 
     Draws only on a terminal. The bar stays on the screen when the stage is done, so that stages read as a list.
     """
-    if quiet or total <= 0 or not sys.stderr.isatty():
-        yield _say_nothing
+    if quiet or is_quiet() or total <= 0 or not sys.stderr.isatty():
+        with timed(f"{stage}: {total} {unit}"):
+            yield _say_nothing
         return
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn

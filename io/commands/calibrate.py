@@ -17,6 +17,7 @@ from quadrig.io.search.detection_file import detections_beside
 from quadrig.io.search.effort import Effort
 from quadrig.io.search.known_lenses import read_known_lenses
 from quadrig.io.search.whole_recording import Searched, calibrate_searched, refuse_missing, search_recording
+from quadrig.io.verbosity import note, say, timed
 from quadrig.io.whole_file import refuse_no_place
 from quadrig.rig.result import Rig
 from quadrig.single.errors import QuadrigError
@@ -116,10 +117,11 @@ def calibrate(
     earlier = read_rig(before) if before is not None else None
     effort = Effort(tolerance, share, workers, cache, rate=rate)
     searched = search_recording(recording, described, effort, lenses=known, keep_lenses=keep_lenses)
-    for note in searched.notes:
-        print(f"note: {note}", file=sys.stderr)
+    for remark in searched.notes:
+        note(remark)
     try:
-        rig = _solve(searched, only or [], earlier)
+        with timed(f"solving {len(searched.views)} Views of {len(searched.cameras)} cameras"):
+            rig = _solve(searched, only or [], earlier)
     except KeyboardInterrupt:
         if not no_cache:
             print(f"stopped: what was found is kept in {cache}; the same command goes on from there", file=sys.stderr)
@@ -181,7 +183,7 @@ def _show(rig: Rig, output: Path, as_json: bool) -> None:
     from quadrig.io.report.table import print_rig
 
     print_rig(rig)
-    print(f"\n{output}: look at it with `rig inspect {output}`", file=sys.stderr)
+    say(f"\n{output}: look at it with `rig inspect {output}`")
 
 
 def result_values(rig: Rig) -> dict[str, object]:

@@ -1,6 +1,5 @@
 """`rig check`: has a camera of the rig moved?"""
 
-import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -15,6 +14,7 @@ from quadrig.io.formats.rig_json import json_text
 from quadrig.io.recording.messages.mcap_reader import is_mcap
 from quadrig.io.rig_file.rig_mcap import RigFile, read_rig_file
 from quadrig.io.search.later_recording import views_of
+from quadrig.io.verbosity import note
 from quadrig.rig.doubt.verdict import out_of_step
 from quadrig.rig.moved import CameraMove, find_moved
 from quadrig.rig.words import ONE_SIGMA, length
@@ -49,10 +49,9 @@ def check(
     rectangles, views = views_of(held, recording, framesets)
     moves = find_moved(held.rig, rectangles, views, false_alarms)
     if out_of_step(held.rig):
-        print(
-            "note: Views of this rig disagree by far more than their sigmas (cameras out of step, or a bent "
-            "rectangle), so that small moves may be reported that are none",
-            file=sys.stderr,
+        note(
+            "Views of this rig disagree by far more than their sigmas (cameras out of step, or a bent rectangle), so "
+            "that small moves may be reported that are none"
         )
     if as_json:
         print(json_text(move_values(moves, false_alarms)))

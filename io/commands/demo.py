@@ -1,6 +1,5 @@
 """`rig demo`: a rendered room into a recording, through the very path of `rig calibrate`, and beside the truth."""
 
-import sys
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -19,6 +18,7 @@ from quadrig.io.report.terminal import console, print_sentence, print_table
 from quadrig.io.rig_file.rig_mcap import read_rig_file, write_rig
 from quadrig.io.search.effort import Effort
 from quadrig.io.search.whole_recording import calibrate_searched, refuse_missing, search_recording
+from quadrig.io.verbosity import say
 from quadrig.rig.result import Rig
 from quadrig.rig.words import Column, sigma_figure, with_sigma
 from quadrig.single.errors import QuadrigError
@@ -51,7 +51,7 @@ def demo(
     save_rrd(output / "demo.rrd", read_rig_file(output / "rig.mcap"), [recording])
     written = [recording, described, output / "rig.mcap", output / "demo.rrd"]
     _show(rig, scene, written, as_json)
-    print(f"{time.monotonic() - began:.0f} s in all", file=sys.stderr)
+    say(f"{time.monotonic() - began:.0f} s in all")
 
 
 def _calibrate(recording: Path, described: Path, result: Path, workers: int | None) -> Rig:

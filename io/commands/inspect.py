@@ -1,12 +1,12 @@
 """`rig inspect`: look at a rig in rerun."""
 
-import sys
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
 from quadrig.io.rig_file.rig_mcap import RigFile, read_rig_file
+from quadrig.io.verbosity import say
 from quadrig.io.viewer import show as rerun_show
 
 # The viewer shows the last of them.
@@ -54,4 +54,4 @@ def _log(stream: Any, held: RigFile, recording: list[Path], one_look: bool) -> N
 
         most = _FRAMESETS_OF_A_LOOK if one_look else MOST_FRAMESETS
         count = log_pictures(stream, rig_pictures(held.rig, held.times, recording, most), held.times)
-        print(f"{count} pictures", file=sys.stderr)
+        say(f"{count} pictures")

@@ -4,12 +4,14 @@ import inspect
 import keyword
 import os
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, MutableMapping, Sequence
+from functools import wraps
 from importlib import import_module
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
+from quadrig.io.verbosity import Verbosity, choose_verbosity
 from quadrig.single.errors import QuadrigError
 
 COMMANDS = {
@@ -52,7 +54,9 @@ def run(arguments: Sequence[str]) -> int:
 
     What failed is one line on stderr; the environment's RIG_TRACEBACK=1 lets the traceback through instead.
     """
-    wanted = next((word for word in arguments if not word.startswith("-")), "")
+    wanted = _command_of(arguments, os.environ)
+    _follow_colour_habits(os.environ)
+    choose_verbosity(Verbosity.USUAL)
     try:
         _application(wanted)(list(arguments), prog_name="rig")
     except SystemExit as leaving:
@@ -74,7 +78,6 @@ def run(arguments: Sequence[str]) -> int:
 def _application(wanted: str) -> typer.Typer:
     app = typer.Typer(
         help=_EXAMPLE,
-        add_completion=False,
         no_args_is_help=True,
         pretty_exceptions_enable=False,
         rich_markup_mode=None,
@@ -82,10 +85,51 @@ def _application(wanted: str) -> typer.Typer:
     )
     app.callback()(_options)
     for name, line in COMMANDS.items():
-        function = command_function(name) if name == wanted else _named
+        function = _with_verbosity(command_function(name)) if name == wanted else _named
         described = inspect.getdoc(function) if name == wanted else line
         app.command(name, help=described, short_help=line)(function)
+    app.command("help", help="Show how a command is used: rig help calibrate.")(_help)
     return app
+
+
+def _command_of(arguments: Sequence[str], environment: Mapping[str, str]) -> str:
+    """The command that is called, or that a shell wants completed; "" where none is named."""
+    if "_RIG_COMPLETE" in environment:
+        line = environment.get("COMP_WORDS") or environment.get("_TYPER_COMPLETE_ARGS", "")
+        arguments = line.split()[1:]
+    return next((word for word in arguments if not word.startswith("-")), "")
+
+
+def _follow_colour_habits(environment: MutableMapping[str, str]) -> None:
+    """What rich knows as NO_COLOR and FORCE_COLOR is CLICOLOR=0 and CLICOLOR_FORCE=1 to many other programs."""
+    if environment.get("CLICOLOR") == "0":
+        environment.setdefault("NO_COLOR", "1")
+    if environment.get("CLICOLOR_FORCE", "0") not in ("", "0") and not environment.get("NO_COLOR"):
+        environment.setdefault("FORCE_COLOR", "1")
+
+
+_QUIET = Annotated[bool, typer.Option("--quiet", "-q", help="Say nothing but results and errors.")]
+_VERBOSE = Annotated[bool, typer.Option("--verbose", "-v", help="Say how the work is done, and how long it takes.")]
+
+
+def _with_verbosity(function: Callable[..., None]) -> Callable[..., None]:
+    """The command with -q and -v."""
+
+    @wraps(function)
+    def command(**values: Any) -> None:
+        quiet, verbose = values.pop("quiet"), values.pop("verbose")
+        if quiet and verbose:
+            raise QuadrigError("-q and -v are opposites; give one of them")
+        choose_verbosity(Verbosity.QUIET if quiet else Verbosity.VERBOSE if verbose else Verbosity.USUAL)
+        function(**values)
+
+    own = inspect.signature(function, eval_str=True)
+    added = [
+        inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=False, annotation=annotation)
+        for name, annotation in (("quiet", _QUIET), ("verbose", _VERBOSE))
+    ]
+    command.__signature__ = own.replace(parameters=[*own.parameters.values(), *added])  # pyright: ignore[reportAttributeAccessIssue]
+    return command
 
 
 def command_function(name: str) -> Callable[..., None]:
@@ -96,6 +140,14 @@ def command_function(name: str) -> Callable[..., None]:
 
 def _named() -> None:
     """Stands for a command that is only listed."""
+
+
+def _help(
+    command: Annotated[
+        str, typer.Argument(autocompletion=lambda: list(COMMANDS), help="One of those of rig --help.")
+    ] = "",
+) -> None:
+    raise typer.Exit(run([*([command] if command else []), "--help"]))
 
 
 def _version(asked: bool) -> None:

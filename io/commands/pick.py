@@ -1,6 +1,5 @@
 """`rig pick`: a page in the browser to point at corners of rectangles in pictures."""
 
-import sys
 import webbrowser
 from pathlib import Path
 from typing import Annotated
@@ -12,6 +11,7 @@ from quadrig.io.config.rig_toml import read_config
 from quadrig.io.local_page import LocalPage
 from quadrig.io.recording.framesets import build_framesets
 from quadrig.io.search.whole_recording import open_described
+from quadrig.io.verbosity import note, say
 from quadrig.single.errors import QuadrigError
 
 
@@ -45,17 +45,17 @@ def pick(
             f'{config}: no rectangle has marking = {{ kind = "points" }}; give that to one whose corners you point at'
         )
     opened = open_described(recording, described)
-    for note in opened.notes:
-        print(f"note: {note}", file=sys.stderr)
+    for remark in opened.notes:
+        note(remark)
     session = PickSession(opened, build_framesets(opened), described, corners_beside(config))
     session.corners()
     with LocalPage(answers(session), port) as page:
         print(page.url, flush=True)
-        print("Ctrl-C ends it; every corner is kept as soon as it is placed", file=sys.stderr)
+        say("Ctrl-C ends it; every corner is kept as soon as it is placed")
         if not no_browser:
             webbrowser.open(page.url)
         try:
             page.serve()
         except KeyboardInterrupt:
             kept = f"kept in {session.path}" if session.path.exists() else "no corner was placed"
-            print(f"\n{kept}", file=sys.stderr)
+            say(f"\n{kept}")

@@ -22,6 +22,7 @@ from quadrig.io.recording.convert import record as write_recording
 from quadrig.io.recording.picture_times import with_times, without_times
 from quadrig.io.recording.recorded_cameras import camera_of_pattern, open_recording
 from quadrig.io.recording.time_table import with_timestamps
+from quadrig.io.verbosity import is_quiet, note
 from quadrig.io.whole_file import refuse_no_place
 from quadrig.single.errors import QuadrigError
 
@@ -138,6 +139,8 @@ class _Lines:
         self._terminal = sys.stderr.isatty()
 
     def show(self, states: Sequence[SourceState]) -> None:
+        if is_quiet():
+            return
         if self._terminal and time.monotonic() - self._shown > self._EVERY:
             self._shown = time.monotonic()
             line = "   ".join(f"{one.name} {one.frames} ({one.rate:.0f}/s, {one.condition})" for one in states)
@@ -178,8 +181,8 @@ def _convert(
     untimed = [one.name for one in cameras if not one.source.timed and one.frames > 1]
     if untimed:
         notes.append(f"{', '.join(untimed)}: written as one picture a second, for want of a time; give --rate")
-    for note in dict.fromkeys(notes):
-        print(f"note: {note}", file=sys.stderr)
+    for remark in dict.fromkeys(notes):
+        note(remark)
     done = write_recording(cameras, output, messages, images, quality)
     for one in cameras:
         print(

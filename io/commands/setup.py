@@ -15,6 +15,7 @@ from quadrig.io.live.plan import SetupPlan, SetupResult
 from quadrig.io.live.session import run_setup
 from quadrig.io.live.terminal import enter_pressed
 from quadrig.io.rig_file.rig_mcap import write_rig
+from quadrig.io.verbosity import say
 from quadrig.rig.coach.advice import good_for
 from quadrig.rig.doubt.weaknesses import clocks_apart
 from quadrig.rig.words import length, read_length
@@ -126,7 +127,7 @@ def _screens(plan: SetupPlan, web: bool, no_viewer: bool, save: Path | None):
             if save is None:
                 viewer = Viewer(web)
                 if viewer.page:
-                    print(f"look at {viewer.page}", file=sys.stderr)
+                    say(f"look at {viewer.page}")
             screens.append(RerunScreen(tuple(plan.sources), plan.config.rectangles, viewer, save))
         except QuadrigError as error:
             if web:

@@ -1,6 +1,5 @@
 """`rig target`: draw a sheet with markings to print, and print its rig.toml lines."""
 
-import sys
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
@@ -19,6 +18,7 @@ from quadrig.io.sheet.layout import (
     target_pdf,
     target_toml,
 )
+from quadrig.io.verbosity import say
 from quadrig.io.whole_file import write_text, written_beside
 from quadrig.rig.words import read_length
 from quadrig.single.detect.dictionaries import canonical_dictionary, tag_dictionary
@@ -113,11 +113,11 @@ def target(
         drawing = target_pdf(rectangles, page, per_page)
         with written_beside(output) as beside:
             beside.write_bytes(drawing)
-        print(f"wrote {output}; print it at actual size and measure the ruler", file=sys.stderr)
+        say(f"wrote {output}; print it at actual size and measure the ruler")
     printed = [scaled(rectangle, scale) for rectangle in rectangles] if scale != 1.0 else rectangles
     if config is not None:
         _put_into(config, printed)
-        print(f"wrote {config}", file=sys.stderr)
+        say(f"wrote {config}")
     print(target_toml(printed).strip())
 
 

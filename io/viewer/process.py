@@ -16,6 +16,8 @@ from quadrig.single.errors import QuadrigError
 # A viewer that is opened needs this long (s) to listen, a slow machine more; one without a display dies in a tenth.
 _OPENING_SECONDS, _WINDOW_SECONDS = 15.0, 1.0
 _NICE = 5
+# rerun tells its makers how it is used, unless it runs in continuous integration: what `rig` starts tells nobody.
+_SILENT = {"CI": "1"}
 # What a viewer keeps of a session: pictures of a few minutes.
 _MEMORY = "512MiB"
 
@@ -40,7 +42,11 @@ class Viewer:
         self._stays = not (web or options)
         # In a session of its own: a Ctrl-C that ends ours leaves the window with the result.
         self._process = subprocess.Popen(
-            command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True
+            command,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            start_new_session=True,
+            env={**os.environ, **_SILENT},
         )
         if hasattr(os, "setpriority"):
             # Drawing takes all it can get, in software most of all: the search comes first.

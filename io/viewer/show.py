@@ -1,13 +1,13 @@
 """Ways to show something in rerun, the same for every command: a file, a picture, a page for a browser, a window."""
 
 import contextlib
-import sys
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from quadrig.io.verbosity import say
 from quadrig.io.viewer.process import ends_with_us
 from quadrig.io.whole_file import written_beside
 from quadrig.single.errors import QuadrigError
@@ -32,12 +32,12 @@ def show(shown: Shown, save: Path | None, web: bool, screenshot: Path | None) ->
     """In every way that is asked for; a page is served until Ctrl-C."""
     if save is not None:
         save_rrd(shown, save)
-        print(f"written: {save}", file=sys.stderr)
+        say(f"written: {save}")
     if screenshot is not None:
         from quadrig.io.viewer.screenshot import take_screenshot
 
         take_screenshot(lambda address: _send(shown, address, one_look=True), screenshot)
-        print(f"written: {screenshot}", file=sys.stderr)
+        say(f"written: {screenshot}")
     if web:
         _serve(shown)
 

@@ -1,6 +1,5 @@
 """`rig export`: a rig in the format of another program."""
 
-import sys
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Annotated
@@ -14,6 +13,7 @@ from quadrig.io.formats.maps import ideal_rig
 from quadrig.io.formats.registry import FORMATS, export_rig
 from quadrig.io.formats.rig_json import json_schema, json_text
 from quadrig.io.formats.ros import from_roll_pitch_yaw
+from quadrig.io.verbosity import note
 from quadrig.io.whole_file import written_beside
 from quadrig.single.errors import QuadrigError
 from quadrig.single.pose import Pose
@@ -69,8 +69,8 @@ def export(
     form = _form(form, output)
     held = read_any_rig(rig)
     done = export_rig(ideal_rig(held) if undistorted else held, form, Options(covariance, base, _pose(base_from_rig)))
-    for note in done.notes:
-        print(f"note: {note}", file=sys.stderr)
+    for remark in done.notes:
+        note(remark)
     if output is not None:
         for path in _write(done.files, output, bool(FORMATS[form].suffixes)):
             print(path)

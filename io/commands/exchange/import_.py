@@ -1,7 +1,6 @@
 """`rig import`: a rig.mcap out of the files of another program."""
 
 import re
-import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -9,6 +8,7 @@ import typer
 
 from quadrig.io.formats.any_file import read_any_rig
 from quadrig.io.rig_file.rig_mcap import write_rig
+from quadrig.io.verbosity import note
 from quadrig.rig.words import counted, read_length
 
 
@@ -33,7 +33,7 @@ def import_(
     write_rig(output, rig)
     print(f"{output}: {counted(len(rig.cameras), 'camera')} in the frame of {rig.reference}")
     if not rig.is_doubt_known:
-        print("note: what they say of how sure they are is not all; `rig info` shows what is known", file=sys.stderr)
+        note("what they say of how sure they are is not all; `rig info` shows what is known")
 
 
 def _size(words: str) -> tuple[int, int]:

@@ -100,6 +100,62 @@ def test_every_command_has_help_with_an_example(name: str) -> None:
     assert f"rig {name}" in done.stdout
 
 
+def test_help_of_a_command_is_its_help() -> None:
+    assert rig("help", "report").stdout == rig("report", "--help").stdout
+    assert rig("help").stdout == rig("--help").stdout
+    assert rig("help", "nonsense").returncode == 2
+
+
+@pytest.mark.parametrize(
+    ("line", "completed"),
+    [
+        ("rig ca", ["calibrate"]),
+        ("rig help re", ["record", "report"]),
+        ("rig report --ver", ["--verbose"]),
+        ("rig --in", ["--install-completion"]),
+    ],
+)
+def test_a_shell_completes_commands_and_their_options(line: str, completed: list[str]) -> None:
+    words = str(len(line.split()) - 1)
+    done = rig(_RIG_COMPLETE="complete_bash", COMP_WORDS=line, COMP_CWORD=words)
+    assert done.stdout.split() == completed
+
+
+def test_the_completion_of_a_shell_can_be_installed(tmp_path: Path) -> None:
+    done = rig("--show-completion", "bash")
+    assert "complete -o default -F _rig_completion rig" in done.stdout
+    assert "--install-completion" in rig("--help").stdout
+    assert not list(tmp_path.iterdir())
+
+
+def test_quiet_says_results_alone_and_verbose_how_they_came(pictures: Path, tmp_path: Path) -> None:
+    folders = [pictures / name for name in ("left", "right")]
+    arguments = ["calibrate", *folders, "-c", pictures / "rig.toml", "-o", tmp_path / "rig.mcap", "--no-cache"]
+    quiet, verbose = rig(*arguments, "-q"), rig(*arguments, "-v")
+    assert (quiet.returncode, quiet.stderr) == (0, "")
+    assert quiet.stdout == verbose.stdout
+    assert "12 images" in verbose.stderr
+    assert "solving" in verbose.stderr
+    assert_one_sentence(rig(*arguments, "-q", "-v"), "-q and -v")
+    assert_one_sentence(rig("report", "absent.mcap", "-q"), "absent.mcap")
+
+
+@pytest.mark.parametrize(
+    ("given", "then"),
+    [
+        ({"CLICOLOR": "0"}, {"NO_COLOR": "1"}),
+        ({"CLICOLOR": "1"}, {}),
+        ({"CLICOLOR_FORCE": "1"}, {"FORCE_COLOR": "1"}),
+        ({"CLICOLOR_FORCE": "0"}, {}),
+        ({"CLICOLOR_FORCE": "1", "NO_COLOR": "1"}, {}),
+    ],
+)
+def test_colours_follow_the_habits_of_other_programs(given, then, monkeypatch) -> None:
+    monkeypatch.setattr(os, "environ", dict(given))
+    assert commands.run(["--version"]) == 0
+    assert os.environ == {**given, **then}
+
+
 @pytest.mark.parametrize("arguments", [["nonsense"], ["calibrate"], ["calibrate", "a", "--nonsense"], ["demo", "3"]])
 def test_wrong_usage_exits_with_two(arguments: list[str]) -> None:
     done = rig(*arguments)
