@@ -29,6 +29,9 @@ def with_targets_read(text: str, folder: Path, name: str) -> str:
     def marking_line(match: re.Match[str]) -> str:
         try:
             marking = read_target(folder / str(tomllib.loads(match[2])["target"]))
+        except tomllib.TOMLDecodeError:
+            # Whoever reads the whole file says where it is not TOML.
+            return match[0]
         except QuadrigError as error:
             line = text.count("\n", 0, match.start(2)) + 1
             raise QuadrigError(f"{name}, line {line}: {error}") from error

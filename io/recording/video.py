@@ -1,6 +1,7 @@
 """Videos as a camera's recording: files (mp4, avi, mkv...) and CompressedVideo topics, through PyAV."""
 
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -89,7 +90,7 @@ class VideoFile:
                     container.seek(int(self.times[0]), stream=stream, backward=True)
                 for count, frame in enumerate(container.decode(stream)):
                     yield (count if self.counted else frame.pts), frame
-        except av.FFmpegError:
+        except (av.FFmpegError, ValueError):
             return
 
 
@@ -147,25 +148,32 @@ class McapVideo:
         return _batches_at(self.keys, indices, size)
 
     def _is_key(self, opened: OpenMessages, index: int) -> bool:
-        if self.messages.message_encoding == "json":
-            return _begins_key_frame(opened.image(index).data, self.encoding)
-        return _begins_key_frame(opened.data(index, _KEY_FRAME_BYTES), self.encoding)
+        try:
+            if self.messages.message_encoding == "json":
+                return _begins_key_frame(opened.image(index).data, self.encoding)
+            return _begins_key_frame(opened.data(index, _KEY_FRAME_BYTES), self.encoding)
+        except ValueError:
+            return False
 
     def _frames(self) -> Iterator[Any]:
         import av
 
-        decoder = av.CodecContext.create(_CODECS.get(self.encoding, self.encoding), "r")
+        if self.encoding not in _CODECS:
+            raise ValueError(f"a video of {self.encoding!r} is none of {', '.join(_CODECS)}")
+        decoder = av.CodecContext.create(_CODECS[self.encoding], "r")
         decoder.thread_count = 1
         decoder.options = {"max_pixels": str(most_pixels())}
         with self.messages.opened() as opened:
             for index in range(len(self.messages)):
-                packet = av.Packet(opened.image(index).data)
-                packet.pts = packet.dts = index
                 try:
-                    yield from decoder.decode(packet)
-                except av.FFmpegError:
+                    packet = av.Packet(opened.image(index).data)
+                    packet.pts = packet.dts = index
+                    # An empty one would be the end of the video.
+                    yield from decoder.decode(packet) if packet.size else ()
+                except (av.FFmpegError, ValueError):
                     continue
-        yield from decoder.decode(None)
+        with suppress(av.FFmpegError):
+            yield from decoder.decode(None)
 
 
 def read_video(path: Path) -> VideoFile:
@@ -182,7 +190,8 @@ def read_video(path: Path) -> VideoFile:
             packets = [(p.pts, p.dts, p.is_keyframe) for p in container.demux(stream) if p.size]
             name, base = stream.codec_context.name, stream.time_base
             rate = stream.average_rate
-    except (av.FFmpegError, OSError) as error:
+    except (av.FFmpegError, OSError, ValueError) as error:
+        # ValueError: words in it that are no UTF-8.
         raise QuadrigError(f"{path}: cannot be read as a video ({error}); is it whole?") from error
     if not packets:
         raise QuadrigError(f"{path}: this video has no frames; was its recording cut off?")

@@ -33,6 +33,15 @@ def numbers(values: Floats) -> list:
     return np.array([number(value) for value in values.ravel()], object).reshape(values.shape).tolist()
 
 
-def read_numbers(held: Sequence) -> Floats:
-    """The array of nested lists."""
-    return np.array(held, float)
+def read_numbers(held: Sequence, *shape: int) -> Floats:
+    """The array of nested lists, of this shape where one is given; -1: as many as there are, none too.
+
+    Raises ValueError where they have another.
+    """
+    values = np.array(held, float)
+    if not values.size and (-1 in shape or 0 in shape):
+        values = values.reshape([max(count, 0) for count in shape])
+    wanted = tuple(values.shape[axis] if n == -1 and axis < values.ndim else n for axis, n in enumerate(shape))
+    if shape and wanted != values.shape:
+        raise ValueError(f"numbers of shape {values.shape} where {shape} are meant")
+    return values

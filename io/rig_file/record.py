@@ -11,8 +11,8 @@ import numpy as np
 
 from quadrig.io.rig_file.json_numbers import Number, number, numbers, read_number, read_numbers
 from quadrig.io.rig_file.view_record import ViewRecord, recorded_view, view_record
-from quadrig.rig.result import Camera, PlacedRectangle, Rig, ViewFit
-from quadrig.rig.sheet_shape import SheetShape
+from quadrig.rig.result import CAMERA_PARAMETERS, Camera, PlacedRectangle, Rig, ViewFit
+from quadrig.rig.sheet_shape import SHAPE_PARAMETERS, SheetShape
 from quadrig.single.errors import QuadrigError
 from quadrig.single.lens import Intrinsics, LensModel
 from quadrig.single.lens_prior import LensEvidence
@@ -165,11 +165,12 @@ def _rig(held: RigRecord, fits: tuple[ViewFit, ...]) -> Rig:
     """The Rig of a record, with those of the fits that are of its cameras."""
     apart = tuple(_rig(each, fits) for each in held.apart)
     own = {camera.name for camera in held.cameras}
+    size = CAMERA_PARAMETERS * len(held.cameras)
     return Rig(
         reference=held.reference,
         cameras=tuple(_camera(camera) for camera in held.cameras),
         rectangles=tuple(_placed_rectangle(rectangle) for rectangle in held.rectangles),
-        covariance=read_numbers(held.covariance),
+        covariance=read_numbers(held.covariance, size, size),
         fits=tuple(fit for fit in fits if fit.view.camera in own),
         noise=read_number(held.noise),
         rms=read_number(held.rms),
@@ -186,10 +187,13 @@ def _rig(held: RigRecord, fits: tuple[ViewFit, ...]) -> Rig:
 
 
 def decode_fit(record: bytes) -> ViewFit:
-    """The ViewFit of a FitRecord. Raises msgspec.DecodeError where it is none."""
+    """The ViewFit of a FitRecord. Raises ValueError, of which msgspec's errors are, where it is none."""
     held = msgspec.json.decode(record, type=FitRecord)
-    residuals = read_numbers(held.residuals).reshape(-1, 2)
-    return ViewFit(recorded_view(held), residuals, np.array(held.used, bool), held.reading, held.rejected)
+    view = recorded_view(held)
+    if len(held.used) != len(view.pixels) or held.reading not in range(len(view.readings)):
+        raise ValueError(f"a View of {len(view.pixels)} points with {len(held.used)} marks, reading {held.reading}")
+    residuals = read_numbers(held.residuals, len(view.pixels), 2)
+    return ViewFit(view, residuals, np.array(held.used, bool), held.reading, held.rejected)
 
 
 def _camera_record(camera: Camera) -> CameraRecord:
@@ -228,12 +232,12 @@ def _camera(held: CameraRecord) -> Camera:
             width=lens.width,
             height=lens.height,
             focal=read_number(lens.focal),
-            principal_point=read_numbers(lens.principal_point),
-            distortion=read_numbers(lens.distortion),
+            principal_point=read_numbers(lens.principal_point, 2),
+            distortion=read_numbers(lens.distortion, 5),
             aspect=read_number(lens.aspect),
             model=lens.model,
         ),
-        rig_from_camera=Pose.from_matrix(read_numbers(held.rig_from_camera)),
+        rig_from_camera=Pose.from_matrix(read_numbers(held.rig_from_camera, 4, 4)),
         free_lens=held.free_lens,
         lens_reason=held.lens_reason,
         rms=read_number(held.rms),
@@ -244,7 +248,7 @@ def _camera(held: CameraRecord) -> Camera:
         remainder=read_number(held.remainder),
         lens_evidence=None
         if evidence is None
-        else LensEvidence(read_numbers(evidence.pull), read_numbers(evidence.information)),
+        else LensEvidence(read_numbers(evidence.pull, 9), read_numbers(evidence.information, 9, 9)),
     )
 
 
@@ -268,7 +272,7 @@ def _rectangle_record(placed: PlacedRectangle) -> RectangleRecord:
 
 
 def _placed_rectangle(held: RectangleRecord) -> PlacedRectangle:
-    world = None if held.world_from_rect is None else Pose.from_matrix(read_numbers(held.world_from_rect))
+    world = None if held.world_from_rect is None else Pose.from_matrix(read_numbers(held.world_from_rect, 4, 4))
     rectangle = Rectangle(
         held.name,
         held.width,
@@ -279,13 +283,17 @@ def _placed_rectangle(held: RectangleRecord) -> PlacedRectangle:
         held.back,
         held.scale_sigma,
     )
-    one_or_many = (-1,) if held.moving else ()
+    one_or_many = (len(held.framesets),) if held.moving else ()
+    shape, count = None, len(SHAPE_PARAMETERS)
+    if held.shape is not None:
+        values, covariance = held.shape
+        shape = SheetShape(read_numbers(values, count), read_numbers(covariance, count, count))
     return PlacedRectangle(
         rectangle=rectangle,
-        rig_from_rect=Pose.from_matrix(read_numbers(held.rig_from_rect).reshape(*one_or_many, 4, 4)),
-        covariance=read_numbers(held.covariance).reshape(*one_or_many, 6, 6),
+        rig_from_rect=Pose.from_matrix(read_numbers(held.rig_from_rect, *one_or_many, 4, 4)),
+        covariance=read_numbers(held.covariance, *one_or_many, 6, 6),
         framesets=np.array(held.framesets, int),
-        shape=None if held.shape is None else SheetShape(*(read_numbers(part) for part in held.shape)),
+        shape=shape,
     )
 
 

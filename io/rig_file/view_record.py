@@ -41,16 +41,17 @@ def view_record(view: View) -> ViewRecord:
 
 
 def recorded_view(held: ViewRecord) -> View:
-    """The View of a record."""
+    """The View of a record. Raises ValueError where its points and pixels are not as many."""
+    count = len(held.pixels)
     return View(
         rectangle=held.rectangle,
-        points=read_numbers(held.points).reshape(-1, 3),
-        pixels=read_numbers(held.pixels).reshape(-1, 2),
+        points=read_numbers(held.points, count, 3),
+        pixels=read_numbers(held.pixels, -1, 2),
         camera=held.camera,
         frameset=held.frameset,
-        alternatives=tuple(read_numbers(points).reshape(-1, 3) for points in held.alternatives),
+        alternatives=tuple(read_numbers(points, count, 3) for points in held.alternatives),
         sigma=read_number(held.sigma),
         time=read_number(held.time),
-        common=None if held.common is None else read_numbers(held.common).reshape(-1, 2),
+        common=None if held.common is None else read_numbers(held.common, count, 2),
         back=held.back,
     )

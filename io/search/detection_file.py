@@ -105,11 +105,11 @@ def read_detections(path: Path, keys: Mapping[str, str]) -> tuple[Found, list[st
         if any(topic.topic == RIG_TOPIC or holds_images(topic.encoding, topic.schema) for topic in index.topics):
             raise QuadrigError(f"{kept} is a recording or a rig, not kept detections; give another file with --cache")
         lost = 0
-        for record in _records(index):
+        for record, views in _records(index):
             if record is None:
                 lost += 1
             elif keys.get(record.camera) == record.key:
-                found[record.camera, record.image] = _views(record)
+                found[record.camera, record.image] = views
         # A file that a killed run left is cut off as a matter of course.
         if kept == path and (lost or index.note or all(topic.topic != DETECTIONS_TOPIC for topic in index.topics)):
             remarks.append(_set_aside(path, lost))
@@ -185,17 +185,20 @@ def _partial(path: Path) -> Path:
     return path.with_name(f".{path.name}.part")
 
 
-def _records(index: McapIndex) -> Iterator[ImageRecord | None]:
-    """The records; None for each that is damaged."""
+def _records(index: McapIndex) -> Iterator[tuple[ImageRecord | None, tuple[View, ...] | str]]:
+    """The records with their Views; None for each that is damaged."""
     with closing(McapBytes(index.path)) as file:
         for topic in index.topics:
             if topic.topic != DETECTIONS_TOPIC:
                 continue
             for chunk, offset in zip(topic.chunks.tolist(), topic.offsets.tolist(), strict=True):
                 try:
-                    yield msgspec.json.decode(file.message(chunk, offset), type=ImageRecord)
+                    record = msgspec.json.decode(file.message(chunk, offset), type=ImageRecord)
+                    views = _views(record)
                 except (ValueError, msgspec.MsgspecError):
-                    yield None
+                    yield None, ()
+                else:
+                    yield record, views
 
 
 def _views(record: ImageRecord) -> tuple[View, ...] | str:

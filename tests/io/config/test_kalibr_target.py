@@ -79,3 +79,9 @@ def test_a_file_that_is_not_there_is_named(tmp_path):
     (tmp_path / "rig.toml").write_text(ROOM)
     with pytest.raises(QuadrigError, match=r"line 5: .*board.yaml cannot be read"):
         read_config(tmp_path / "rig.toml")
+
+
+def test_a_line_that_is_no_toml_is_one_sentence(tmp_path):
+    (tmp_path / "rig.toml").write_text('[[rectangle]]\nname = "board"\ntarget = "\\q.yaml"\n')
+    with pytest.raises(QuadrigError, match=r"rig\.toml.*not TOML"):
+        read_config(tmp_path / "rig.toml")

@@ -7,6 +7,7 @@ import sys
 import tracemalloc
 import zlib
 from collections.abc import Callable
+from fractions import Fraction
 from typing import Any
 
 import cv2
@@ -26,28 +27,18 @@ from quadrig.single.errors import QuadrigError
 foxglove = pytest.importorskip("foxglove")
 
 
-def mutated(data: bytes, draw: random.Random) -> bytes:
-    changed = bytearray(data)
-    for _ in range(draw.choice((1, 1, 2, 8, 30))):
-        place = draw.randrange(max(len(changed), 1))
-        match draw.randrange(4):
-            case 0:
-                changed[place : place + 1] = draw.randbytes(1)
-            case 1:
-                changed[place : place + 8] = draw.choice((b"\xff" * 8, bytes(8), b"\xff\xff\xff\x7f\0\0\0\0"))
-            case 2:
-                del changed[place : place + draw.randrange(1, 60)]
-            case _:
-                changed[place:place] = draw.randbytes(draw.randrange(1, 20))
-    return bytes(changed)
-
-
 def attempt(call: Callable, *given, **options) -> tuple[Any, str]:
     """What a call gives, or the one line that it refuses with; any other error is a failure of the test."""
     try:
         return call(*given, **options), ""
     except (QuadrigError, UndecodableImage) as error:
         return None, str(error)
+
+
+@pytest.fixture(scope="module")
+def mutated(load_script):
+    """mutated(data, draw): bytes changed at random."""
+    return load_script("benchmarks/mutations.py").mutated_bytes
 
 
 @pytest.fixture(scope="module")
@@ -60,7 +51,7 @@ def recordings(tmp_path_factory, load_script, pictures):
 
 
 @pytest.mark.parametrize("seed", range(60))
-def test_mutated_recordings_give_what_is_whole_or_one_sentence(tmp_path, recordings, seed):
+def test_mutated_recordings_give_what_is_whole_or_one_sentence(tmp_path, recordings, mutated, seed):
     draw = random.Random(seed)
     path = tmp_path / "a.mcap"
     for data in recordings:
@@ -153,7 +144,7 @@ def test_a_large_picture_is_read_where_the_limit_is_raised(monkeypatch):
 
 
 @pytest.mark.parametrize("suffix", [".jpg", ".png", ".webp", ".tiff", ".bmp", ".ppm", ".jp2"])
-def test_mutated_pictures_are_pictures_or_undecodable(pictures, suffix):
+def test_mutated_pictures_are_pictures_or_undecodable(pictures, mutated, suffix):
     data = cv2.imencode(suffix, pictures.picture(3))[1].tobytes()
     assert pictures.number(decode_file(data)) == 3
     draw = random.Random(suffix)
@@ -191,3 +182,42 @@ def test_no_more_than_a_gigabyte_for_all_of_them(tmp_path):
     )
     done = subprocess.run([sys.executable, "-c", script, str(tmp_path)], capture_output=True, text=True, check=True)
     assert int(done.stdout) < 1 << 20
+
+
+def test_words_of_a_video_that_are_no_text_are_one_sentence(tmp_path):
+    av = pytest.importorskip("av")
+    path = tmp_path / "a.mkv"
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("mpeg4", rate=10)
+        stream.width, stream.height, stream.pix_fmt = 64, 48, "yuv420p"
+        container.mux(stream.encode(av.VideoFrame.from_ndarray(np.zeros((48, 64, 3), np.uint8), "bgr24")))
+        container.mux(stream.encode(None))
+    path.write_bytes(path.read_bytes().replace(b"ENCODER", b"\xffNCODER"))
+    with pytest.raises(QuadrigError, match="cannot be read as a video"):
+        open_recording([path])
+
+
+@pytest.mark.parametrize("broken", [b"", b"\x0a\xff\xff\xff"])
+def test_a_damaged_message_of_a_video_costs_no_more_than_its_picture(tmp_path, broken):
+    av = pytest.importorskip("av")
+    from foxglove_schemas_protobuf.CompressedVideo_pb2 import CompressedVideo
+    from mcap.writer import Writer
+    from mcap_protobuf.schema import register_schema
+
+    encoder: Any = av.CodecContext.create("libx264", "w")
+    encoder.width, encoder.height, encoder.pix_fmt, encoder.time_base = 64, 48, "yuv420p", Fraction(1, 10)
+    encoder.options = {"tune": "zerolatency", "g": "2"}
+    blank = np.zeros((48, 64, 3), np.uint8)
+    packets = [bytes(p) for k in range(8) for p in encoder.encode(av.VideoFrame.from_ndarray(blank + 9 * k, "bgr24"))]
+    with (tmp_path / "a.mcap").open("wb") as stream:
+        writer = Writer(stream)
+        writer.start()
+        channel = writer.register_channel("/cam0/image", "protobuf", register_schema(writer, CompressedVideo))
+        for k, packet in enumerate(packets):
+            whole = CompressedVideo(format="h264", data=packet).SerializeToString()
+            writer.add_message(channel, k * 10**9, broken if k == 4 else whole, k * 10**9)
+        writer.finish()
+    (camera,) = open_recording([tmp_path / "a.mcap"]).cameras
+    images = list(camera.source.images())
+    assert len(images) == 8
+    assert sum(image is None for image in images) <= 2

@@ -134,3 +134,19 @@ def test_nothing_is_left_where_writing_fails(example_rig, tmp_path):
     with pytest.raises(TypeError):
         write_rig(tmp_path / "rig.mcap", odd)
     assert list(tmp_path.iterdir()) == []
+
+
+CHANGES = {
+    "covariance": lambda rig: replace(rig, covariance=rig.covariance[:-1, :-1]),
+    "marks": lambda rig: replace(rig, fits=(replace(rig.fits[0], used=rig.fits[0].used[1:]),)),
+    "residuals": lambda rig: replace(rig, fits=(replace(rig.fits[0], residuals=rig.fits[0].residuals[1:]),)),
+    "reading": lambda rig: replace(rig, fits=(replace(rig.fits[0], reading=3),)),
+    "framesets": lambda rig: replace(rig, rectangles=(replace(rig.rectangles[0], framesets=np.arange(2)),)),
+}
+
+
+@pytest.mark.parametrize("name", CHANGES)
+def test_numbers_that_do_not_fit_together_are_one_sentence(name, example_rig, tmp_path):
+    write_rig(tmp_path / "rig.mcap", CHANGES[name](example_rig))
+    with pytest.raises(QuadrigError, match=r"cannot be read as a rig\.mcap"):
+        read_rig(tmp_path / "rig.mcap")

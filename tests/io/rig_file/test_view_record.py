@@ -44,3 +44,13 @@ def test_a_record_without_time_and_common_error_is_read():
     back = recorded_view(msgspec.json.decode(msgspec.json.encode(earlier), type=ViewRecord))
     assert np.isnan(back.time)
     assert back.common is None
+
+
+@pytest.mark.parametrize(
+    "change", [{"points": [[0, 0, 0]]}, {"pixels": [[1, 2, 3]] * 4}, {"pixels": [["x", 1]] * 4},
+               {"alternatives": [[[0, 0, 0]]]}, {"common": [[0, 0]]}, {"pixels": []}],
+)  # fmt: skip
+def test_points_without_pixels_are_a_value_error(change):
+    record = msgspec.structs.asdict(view_record(PLAIN)) | change
+    with pytest.raises(ValueError, match=r"shape|could not convert"):
+        recorded_view(msgspec.convert(record, ViewRecord))
