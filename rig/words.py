@@ -13,7 +13,8 @@ WRONG_SIZE = "the size that was given"
 ONE_SIGMA = "± is one sigma: of a position in one direction, of a rotation about one axis."
 """Stands once beside every result, and holds for each figure of it."""
 
-_METRES = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "in": 0.0254}
+_METRES = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "in": 0.0254, "ft": 0.3048}
+_LENGTH = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?)\s*([a-zµ]*)\s*")
 
 
 @dataclass(frozen=True)
@@ -41,15 +42,28 @@ def length(metres: float) -> str:
     return f"{1e3 * metres:.1f} mm" if abs(metres) < 0.1 else f"{metres:.2f} m"
 
 
-def read_length(text: str, unit: str = "m") -> float:
-    """Metres of "80mm", "8 cm", "0.08 m", "3in"; unit: that of a bare number.
+def read_length(text: str, bare_below: float = 1.0) -> float:
+    """Metres of "80mm", "8 cm", "0.08 m", "3in", "0.08".
 
-    Raises QuadrigError where it is no length above zero.
+    A bare number is metres where it is below `bare_below`: so few millimetres nobody means. Others may be a
+    thousandfold wrong. Raises QuadrigError where it is one of those, or no length above zero.
     """
-    match = re.fullmatch(r"\s*(\d+\.?\d*(?:e-?\d+)?|\.\d+)\s*([a-zµ]*)\s*", text.lower())
-    if match is None or (match[2] or unit) not in _METRES or not float(match[1]) > 0:
+    metres = read_coordinate(text, bare_below)
+    if not metres > 0:
         raise QuadrigError(f"{text!r} is no length above zero; give one such as 1mm, 80mm or 3in")
-    return float(match[1]) * _METRES[match[2] or unit]
+    return metres
+
+
+def read_coordinate(text: str, bare_below: float = 1.0) -> float:
+    """Metres of a length that may be zero or below, by the rules of read_length."""
+    match = _LENGTH.fullmatch(text.lower())
+    if match is None or (match[2] and match[2] not in _METRES):
+        raise QuadrigError(f"{text!r} is no length; give one such as 80mm, 8cm, 0.08m or 3in")
+    number = float(match[1])
+    if not match[2] and not abs(number) < bare_below:
+        raise QuadrigError(f"{text!r} has no unit: give {match[1]}mm or {match[1]}m, whichever is meant")
+    # To the picometre: 3in is 0.0762.
+    return round(number * _METRES[match[2] or "m"], 12)
 
 
 def figure(value: float, decimals: int) -> str:

@@ -7,7 +7,7 @@ has the axes of the sheet, and the corners of Eq. 4 run bottom right, bottom lef
 
 from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import ClassVar, NamedTuple, Self
+from typing import Annotated, ClassVar, NamedTuple, Self
 
 import numpy as np
 
@@ -16,6 +16,9 @@ from quadrig.single.errors import QuadrigError
 from quadrig.single.patch import Patch
 from quadrig.single.pose import Pose
 from quadrig.single.view import View
+
+Metres = Annotated[float, "metres"]
+"""A length: a field of a marking that is one may have a unit where people write it."""
 
 PRINT_SCALE_SIGMA = 0.001
 """How well the size of a sheet that was printed and not measured is known, as a share of it."""

@@ -21,6 +21,9 @@ from quadrig.rig.doubt.weaknesses import clocks_apart
 from quadrig.rig.words import length, read_length
 from quadrig.single.errors import QuadrigError
 
+# m; as millimetres, so little would be less than a sheet of paper bends.
+_BARE_ACCURACY = 0.01
+
 
 def setup(
     sources: Annotated[
@@ -55,7 +58,7 @@ def setup(
     Examples: rig setup --until 1mm; rig setup left=0 right=1 -o desk.mcap;
     rig setup http://127.0.0.1:8080/video cam1.mp4 --no-viewer
     """
-    wanted = read_length(until) if until else None
+    wanted = read_length(until, _BARE_ACCURACY) if until else None
     rig_config = read_config(config)
     cameras = named_sources(sources or [], rig_config, config.parent)
     recording, earlier = _recordings(output, resume, overwrite)

@@ -33,8 +33,12 @@ _POINTED = 0.5
 
 def single(
     image: Annotated[Path, typer.Argument(help="The picture: JPEG, PNG or whatever OpenCV reads.", metavar="IMAGE")],
-    width: Annotated[float | None, typer.Option(help="Width of the rectangle, metres.")] = None,
-    height: Annotated[float | None, typer.Option(help="Height of the rectangle, metres.")] = None,
+    width: Annotated[
+        str | None, typer.Option(metavar="LENGTH", help="Width of the rectangle, such as 0.16, 160mm or 16cm.")
+    ] = None,
+    height: Annotated[
+        str | None, typer.Option(metavar="LENGTH", help="Its height; one of the two alone is a square's.")
+    ] = None,
     paper: Annotated[
         str | None, typer.Option(help=f"A sheet of known size, lying across: {', '.join(PAPER_SIZES)}.")
     ] = None,
@@ -49,10 +53,10 @@ def single(
     tag: Annotated[str | None, typer.Option(help="A tag, as DICTIONARY:ID; --width is its outer edge.")] = None,
     charuco: Annotated[
         str | None,
-        typer.Option(help="A ChArUco board, as COLUMNSxROWS:SQUARE:MARKER:DICTIONARY[:legacy][:inverted], metres."),
+        typer.Option(help="A ChArUco board, as COLUMNSxROWS:SQUARE:MARKER:DICTIONARY[:legacy][:inverted]."),
     ] = None,
     chessboard: Annotated[
-        str | None, typer.Option(help="A chessboard, as COLUMNSxROWS:SQUARE, squares and metres.")
+        str | None, typer.Option(help="A chessboard, as COLUMNSxROWS:SQUARE, such as 9x6:25mm.")
     ] = None,
     target: Annotated[
         Path | None, typer.Option(help="A target file of Kalibr's: AprilGrid, checkerboard or circle grid.")
@@ -84,7 +88,7 @@ def single(
     truth is within it. It holds what the lens, the sheet's flatness and the corners leave open.
 
     Examples: rig single desk.jpg --paper A4;
-    rig single desk.jpg --tag apriltag_36h11:7 --width 0.16;
+    rig single desk.jpg --tag apriltag_36h11:7 --width 160mm;
     rig single desk.jpg --paper A4 --corners 1830,1220 310,1190 420,260 1710,240
     """
     picture, turned_by_exif = read_picture(image)
@@ -132,13 +136,12 @@ def read_picture(path: Path) -> tuple[Picture, str]:
         raise QuadrigError(f"{path} is not a picture that can be read ({error}); give a JPEG or PNG") from error
 
 
-def _size(width: float | None, height: float | None, paper: str | None, portrait: bool) -> tuple[float, float] | None:
+def _size(width: str | None, height: str | None, paper: str | None, portrait: bool) -> tuple[float, float] | None:
     if paper is None:
-        if width is None and height is None:
-            return None
+        sides = {"--width": width, "--height": height}
+        given = [_length(text, option) for option, text in sides.items() if text is not None]
         # One side alone is a square's.
-        width, height = height if width is None else width, width if height is None else height
-        return float(width or 0), float(height or 0)
+        return (given[0], given[-1]) if given else None
     if width is not None or height is not None:
         raise QuadrigError("--paper and --width or --height say the same thing; give one of them")
     names = {name.lower(): size for name, size in PAPER_SIZES.items()}
@@ -184,7 +187,7 @@ def _marking(
     if chessboard is not None:
         parts = chessboard.split(":")
         if len(parts) != 2:
-            raise QuadrigError(f"--chessboard {chessboard}: give COLUMNSxROWS:SQUARE, such as 9x6:0.025")
+            raise QuadrigError(f"--chessboard {chessboard}: give COLUMNSxROWS:SQUARE, such as 9x6:25mm")
         columns, rows = _grid(parts[0], "--chessboard")
         return ChessboardMarking(columns, rows, _length(parts[1], "--chessboard"))
     return PlainMarking()
@@ -195,7 +198,7 @@ def _charuco(text: str) -> CharucoMarking:
     options = set(parts[4:])
     if len(parts) < 4 or not options <= {"legacy", "inverted"}:
         raise QuadrigError(
-            f"--charuco {text}: give COLUMNSxROWS:SQUARE:MARKER:DICTIONARY, such as 5x7:0.03:0.022:aruco_4x4_50, "
+            f"--charuco {text}: give COLUMNSxROWS:SQUARE:MARKER:DICTIONARY, such as 5x7:30mm:22mm:aruco_4x4_50, "
             "then :legacy or :inverted where the board is so"
         )
     columns, rows = _grid(parts[0], "--charuco")
@@ -238,7 +241,7 @@ def _rectangle(size: tuple[float, float] | None, marking: Marking) -> Rectangle:
             )
         return Rectangle(marking.noun, *own, marking)
     if size is None:
-        raise QuadrigError("the rectangle has no size; give --width and --height in metres, or --paper A4")
+        raise QuadrigError("the rectangle has no size; give --width and --height, such as 297mm, or --paper A4")
     return Rectangle(marking.noun, *size, marking)
 
 

@@ -105,7 +105,7 @@ def target(
         border = 2 * whole.marking.quiet_zone(whole)
         across, down = whole.width + border, whole.height + border
         page = paper_named(paper, across=across >= down)
-        step = read_length(size, "mm") if size else largest_step(page, across, down)
+        step = read_length(size) if size else largest_step(page, across, down)
         rectangles = [_board(name, _board_marking(kind, columns, rows, step, ids, dictionary), moves)]
         per_page = 1
     check_rectangles(rectangles)
@@ -127,7 +127,7 @@ def _tags(
     known = canonical_dictionary(dictionary or "apriltag_36h11")
     numbers = parse_ids(ids)
     cells = tag_dictionary(known).markerSize + 2
-    side = read_length(size, "mm") if size else largest_tag(paper, cells, min(per_page, len(numbers)))
+    side = read_length(size) if size else largest_tag(paper, cells, min(per_page, len(numbers)))
     return [Rectangle(f"{name}{number}", side, side, TagMarking(known, number), moving) for number in numbers]
 
 

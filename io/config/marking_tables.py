@@ -3,13 +3,14 @@
 from collections.abc import Sequence
 from dataclasses import MISSING, fields
 from functools import cache
-from typing import Any, Union, get_type_hints
+from typing import Annotated, Any, Union, get_args, get_origin, get_type_hints
 
 import msgspec
 
+from quadrig.rig.words import read_coordinate
 from quadrig.single.errors import QuadrigError
 from quadrig.single.markings.registry import marking_kinds
-from quadrig.single.rectangle import Marking
+from quadrig.single.rectangle import Marking, Metres
 
 # A square needs ten pixels, so that a picture of a hundred megapixels shows no more of them.
 _MOST_SQUARES = 10**6
@@ -20,9 +21,37 @@ def marking_table(kinds: Sequence[type[Marking]]) -> Any:
     return Union[tuple(_table(kind) for kind in kinds)]  # noqa: UP007 - known only as the program runs
 
 
+class Length(float):
+    """Metres in rig.toml: a bare number, or a text with a unit such as "80mm"."""
+
+
+def read_lengths(wanted: type, value: Any) -> Any:
+    """The dec_hook of msgspec that reads a Length. Raises ValueError where it is none."""
+    if wanted is not Length:
+        raise NotImplementedError
+    if isinstance(value, str):
+        try:
+            return Length(read_coordinate(value, bare_below=0.0))
+        except QuadrigError as error:
+            raise ValueError(str(error)) from error
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise ValueError('expected a length: metres, or a text with a unit such as "80mm"')
+    return Length(value)
+
+
+def _written(hint: Any) -> Any:
+    """The type of a marking's field in rig.toml."""
+    if hint == Metres:
+        return Length
+    members = get_args(hint)
+    if Metres in members:
+        return Union[tuple(Length if one == Metres else one for one in members)]  # noqa: UP007 - as marking_table
+    return members[0] if get_origin(hint) is Annotated else hint
+
+
 @cache
 def _table(kind: type[Marking]) -> type[msgspec.Struct]:
-    types = get_type_hints(kind)
+    types = {name: _written(hint) for name, hint in get_type_hints(kind, include_extras=True).items()}
     keys: list[str | tuple[str, Any] | tuple[str, Any, Any]] = []
     for key in fields(kind):
         if key.default is not MISSING:
@@ -36,7 +65,7 @@ def _table(kind: type[Marking]) -> type[msgspec.Struct]:
 
 def marking_of(table: msgspec.Struct) -> Marking:
     """The marking of a table. Raises QuadrigError where there can be no such marking."""
-    values = msgspec.to_builtins(table)
+    values = msgspec.to_builtins(table, enc_hook=float)
     if values.get("columns", 0) * values.get("rows", 0) > _MOST_SQUARES:
         raise QuadrigError(f"{values['columns']} x {values['rows']} squares fit on no sheet; give their true number")
     return marking_kinds()[values.pop("kind")](**values)

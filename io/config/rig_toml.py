@@ -13,7 +13,7 @@ from quadrig.io.config.corners_toml import PointedCorners, corners_beside, read_
 from quadrig.io.config.errors import decode_error, locate
 from quadrig.io.config.kalibr_target import with_targets_read
 from quadrig.io.config.known_sizes import known_size
-from quadrig.io.config.marking_tables import marking_keys, marking_of, marking_table
+from quadrig.io.config.marking_tables import Length, marking_keys, marking_of, marking_table, read_lengths
 from quadrig.io.config.toml_lines import toml_line
 from quadrig.io.whole_file import write_text
 from quadrig.rig.problem.camera_input import CameraInput, LensChoice
@@ -33,7 +33,7 @@ _UNIT_TOLERANCE = 1e-2
 # Of OpenCV's 4, 5, 8, 12 or 14 those that lenses here have.
 _COEFFICIENTS = 5
 
-Length = Annotated[float, msgspec.Meta(gt=0)]
+Positive = Annotated[float, msgspec.Meta(gt=0)]
 Name = Annotated[str, msgspec.Meta(min_length=1)]
 
 
@@ -42,7 +42,7 @@ class _Table(msgspec.Struct, forbid_unknown_fields=True):
 
 
 class _WorldPose(_Table):
-    translation: tuple[float, float, float]
+    translation: tuple[Length, Length, Length]
     angles_deg: tuple[float, float, float] | None = None
     quaternion_xyzw: tuple[float, float, float, float] | None = None
 
@@ -51,8 +51,8 @@ class _Rectangle(_Table, kw_only=True):
     name: Name
     marking: msgspec.Struct
     size: str | None = None
-    width: float | None = None
-    height: float | None = None
+    width: Length | None = None
+    height: Length | None = None
     moving: bool = False
     back: bool = False
     scale_sigma: float = PRINT_SCALE_SIGMA
@@ -63,10 +63,10 @@ class _Camera(_Table):
     name: Name
     topic: str | None = None
     source: int | str | None = None
-    focal: Length | None = None
+    focal: Positive | None = None
     principal_point: tuple[float, float] | None = None
     distortion: Annotated[list[float], msgspec.Meta(max_length=14)] | None = None
-    aspect: Length = 1.0
+    aspect: Positive = 1.0
     model: LensModel = "pinhole"
     fixed: bool = False
     lens: LensChoice = "auto"
@@ -171,7 +171,7 @@ def parse_config(text: str, name: str = "rig.toml") -> RigConfig:
     text = with_targets_read(text, Path(name).parent, name)
     root = _file_table(tuple(marking_kinds().values()))
     try:
-        tables = msgspec.toml.decode(text, type=root)
+        tables = msgspec.toml.decode(text, type=root, dec_hook=read_lengths)
     except msgspec.DecodeError as error:
         raise decode_error(error, text, name, root) from error
     except RecursionError as error:
@@ -232,7 +232,7 @@ def _side(table: _Rectangle, side: str, follows: float | None, where: Callable[[
     given: float | None = getattr(table, side)
     if follows is None:
         if given is not None:
-            return given
+            return float(given)
         raise QuadrigError(
             f"{where('')}: rectangle {table.name!r} has no {side}; give it in metres, outer edge of the marking, "
             'or the name of a size that everybody has, as size = "A4"'

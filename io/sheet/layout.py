@@ -1,6 +1,7 @@
 """Sheets to print: markings at their exact size, with cutting marks, a ruler, and the lines for rig.toml."""
 
 import itertools
+import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -71,7 +72,8 @@ def parse_measured(text: str) -> float:
     parts = text.split("/")
     if len(parts) != 2:
         raise QuadrigError(f"{text!r} is no measurement; give measured over printed length, such as 148.5mm/150mm")
-    scale = read_length(parts[0], "mm") / read_length(parts[1], "mm")
+    # Of a ratio the unit does not matter where neither has one.
+    scale = read_length(parts[0], math.inf) / read_length(parts[1], math.inf)
     if not _SCALE_LIMITS[0] < scale < _SCALE_LIMITS[1]:
         raise QuadrigError(f"{text!r} makes the print {scale:.3g} times its size; measure the ruler again")
     return scale

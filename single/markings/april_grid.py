@@ -13,7 +13,7 @@ from quadrig.single.markings.boards import check_length
 from quadrig.single.markings.tag import cell_patches
 from quadrig.single.markings.tagged import TaggedMarking
 from quadrig.single.patch import INK, Patch
-from quadrig.single.rectangle import Rectangle, TagFamily, Tags, rectangle_corners
+from quadrig.single.rectangle import Metres, Rectangle, TagFamily, Tags, rectangle_corners
 
 # Where a square of the gap is dark at the top left of a tag's corner, in the order of Eq. 4: at the bottom right it
 # is the tag itself.
@@ -31,7 +31,7 @@ class AprilGridMarking(TaggedMarking):
 
     columns: int
     rows: int
-    tag: float
+    tag: Metres
     spacing: float
     dictionary: str = "apriltag_36h11"
     first_id: int = 0

@@ -8,7 +8,7 @@ import numpy as np
 from quadrig.single.arrays import Floats
 from quadrig.single.errors import QuadrigError
 from quadrig.single.patch import INK, Patch
-from quadrig.single.rectangle import Marking, Rectangle
+from quadrig.single.rectangle import Marking, Metres, Rectangle
 
 
 @dataclass(frozen=True)
@@ -20,7 +20,7 @@ class BoardMarking(Marking):
 
     columns: int
     rows: int
-    square: float
+    square: Metres
 
     noun: ClassVar[str] = "board"
 

@@ -14,7 +14,7 @@ from quadrig.single.markings.boards import BoardMarking, board_points, check_len
 from quadrig.single.markings.tag import tag_patches
 from quadrig.single.markings.tagged import TaggedMarking
 from quadrig.single.patch import INK, PAPER, Patch
-from quadrig.single.rectangle import Rectangle, TagFamily, Tags, rectangle_corners
+from quadrig.single.rectangle import Metres, Rectangle, TagFamily, Tags, rectangle_corners
 
 
 @dataclass(frozen=True)
@@ -26,7 +26,7 @@ class CharucoMarking(TaggedMarking, BoardMarking):
     Raises QuadrigError where the dictionary has too few tags, or a tag does not fit into its square.
     """
 
-    marker: float
+    marker: Metres
     dictionary: str
     legacy: bool = False
     inverted: bool = False

@@ -12,7 +12,7 @@ from quadrig.single.detect.pictures import window_around
 from quadrig.single.errors import QuadrigError
 from quadrig.single.markings.boards import check_length
 from quadrig.single.patch import INK, PAPER, Patch
-from quadrig.single.rectangle import FoundTags, Marking, Rectangle
+from quadrig.single.rectangle import FoundTags, Marking, Metres, Rectangle
 from quadrig.single.view import View
 
 
@@ -29,8 +29,8 @@ class CircleGridMarking(Marking):
 
     columns: int
     rows: int
-    spacing: float
-    diameter: float | None = None
+    spacing: Metres
+    diameter: Metres | None = None
     asymmetric: bool = False
     inverted: bool = False
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from quadrig.rig.words import length, read_length
+from quadrig.rig.words import length, read_coordinate, read_length
 from quadrig.single.errors import QuadrigError
 
 
@@ -30,8 +30,16 @@ def test_lengths_as_people_type_them(text, metres):
     assert read_length(text) == pytest.approx(metres)
 
 
-def test_a_bare_number_is_in_the_unit_that_is_asked_for():
-    assert [read_length(text, "mm") for text in ("80", "80 mm", "8cm")] == pytest.approx([0.08] * 3)
+def test_a_bare_number_is_metres_where_as_millimetres_it_would_be_absurd():
+    assert read_length("0.08") == read_length("80 mm") == read_length("8cm") == 0.08
+    assert read_length("0.005", bare_below=0.01) == 0.005
+    for text, below in (("80", 1.0), ("1", 1.0), ("0.5", 0.01), ("1.5", 0.0)):
+        with pytest.raises(QuadrigError, match=f"no unit: give {text}mm or {text}m"):
+            read_length(text, below)
+
+
+def test_a_coordinate_may_be_zero_or_below():
+    assert [read_coordinate(text) for text in ("0", "-0.2", "-80mm", "+1m")] == [0.0, -0.2, -0.08, 1.0]
 
 
 @pytest.mark.parametrize("text", ["", "mm", "1 foot", "-1mm", "0mm", "1.2.3mm"])

@@ -15,8 +15,12 @@ from quadrig.io.formats.rig_json import json_schema, json_text
 from quadrig.io.formats.ros import from_roll_pitch_yaw
 from quadrig.io.verbosity import note
 from quadrig.io.whole_file import written_beside
+from quadrig.rig.words import read_coordinate
 from quadrig.single.errors import QuadrigError
 from quadrig.single.pose import Pose
+
+# m; a frame that is farther away says whether it is in metres or in millimetres.
+_BARE_PLACE = 10.0
 
 
 def _list(asked: bool) -> None:
@@ -53,7 +57,9 @@ def export(
     base: Annotated[str, typer.Option(help="Name of the frame that carries the rig, in urdf and tf.")] = "rig",
     base_from_rig: Annotated[
         str,
-        typer.Option(metavar="'X Y Z R P Y'", help="Where the rig frame is in it: m, and roll pitch yaw in degrees."),
+        typer.Option(
+            metavar="'X Y Z R P Y'", help="Where the rig frame is in it: lengths, and roll pitch yaw in degrees."
+        ),
     ] = "0 0 0 0 0 0",
     _listed: Annotated[
         bool, typer.Option("--list", callback=_list, is_eager=True, help="Show every format, and what it loses.")
@@ -105,11 +111,12 @@ def _form(form: str | None, output: Path | None) -> str:
 
 def _pose(words: str) -> Pose:
     try:
-        x, y, z, *angles = (float(word) for word in words.replace(",", " ").split())
-        roll, pitch, yaw = np.radians(angles)
+        *place, roll, pitch, yaw = words.replace(",", " ").split()
+        x, y, z = (read_coordinate(word, _BARE_PLACE) for word in place)
+        angles = np.radians([float(roll), float(pitch), float(yaw)])
     except ValueError as error:
         raise typer.BadParameter(f"{words!r} are no six numbers", param_hint="--base-from-rig") from error
-    return Pose(from_roll_pitch_yaw(roll, pitch, yaw), np.array([x, y, z]))
+    return Pose(from_roll_pitch_yaw(*angles), np.array([x, y, z]))
 
 
 def _write(files: Files, output: Path, single: bool) -> list[Path]:

@@ -101,7 +101,7 @@ def test_a_photographs_own_turn_is_applied(folder, capsys, tmp_path):
     marker = b"\xff\xe1" + (len(segment) + 2).to_bytes(2, "big") + segment
     photograph = tmp_path / "phone.jpg"
     photograph.write_bytes(coded.tobytes()[:2] + marker + coded.tobytes()[2:])
-    how = ["--tag", "apriltag_36h11:7", "--width", "0.16", "--principal-point", "399.5,299.5"]
+    how = ["--tag", "apriltag_36h11:7", "--width", "16cm", "--principal-point", "399.5,299.5"]
     values = values_of(capsys, photograph, *how)
     assert (values["width"], values["height"]) == (800, 600)
     assert np.allclose(values["rect_from_camera"], POSE.inverse().matrix(), atol=3e-3)
@@ -122,8 +122,10 @@ def test_save_writes_a_file_that_rerun_reads(folder, capsys, tmp_path):
         (["nowhere.png", "--paper", "A4"], "not there"),
         (["{here}", "--paper", "A9"], "no such paper"),
         (["{here}"], "no size"),
-        (["{here}", "--width", "-1"], "width is -1"),
-        (["{here}", "--width", "0", "--height", "0.2"], "width is 0"),
+        (["{here}", "--width", "-1mm"], "above zero"),
+        (["{here}", "--width", "0", "--height", "0.2"], "above zero"),
+        (["{here}", "--width", "160"], "160mm or 160m"),
+        (["{here}", "--chessboard", "9x6:25"], "25mm or 25m"),
         (["{here}", "--paper", "A4", "--width", "0.3"], "one of them"),
         (["{here}", "--tag", "apriltag_36h11", "--width", "0.16"], "DICTIONARY:ID"),
         (["{here}", "--tag", "no_such:3", "--width", "0.16"], "no tag dictionary"),

@@ -118,6 +118,7 @@ def test_config_takes_the_rectangles_and_keeps_the_rest(tmp_path):
         (["--ids", "600"], "0 to 586"),
         (["--dictionary", "tag99"], "apriltag_36h11"),
         (["--size", "-3mm"], "80mm"),
+        (["--size", "80"], "80mm or 80m"),
         (["--size", "400mm"], "do not fit"),
         (["--measured", "15/150mm"], "148.5mm/150mm|ruler"),
         (["--measured", "150"], "148.5mm/150mm"),

@@ -10,6 +10,7 @@ import pytest
 from quadrig.io.config.rig_toml import RigConfig, config_text, parse_config, read_config, write_config
 from quadrig.single.errors import QuadrigError
 from quadrig.single.markings.charuco import CharucoMarking
+from quadrig.single.markings.circle_grid import CircleGridMarking
 from quadrig.single.markings.registry import register
 from quadrig.single.markings.tag import TagMarking
 from quadrig.single.rectangle import Marking
@@ -91,7 +92,7 @@ WRONG = {
     "unknown key of a marking": ("id = 7", "id = 7, foo = 1", ["line 8", "foo", "dictionary"]),
     "unknown top key": ("reference", "refference", ["line 2", "refference", "reference"]),
     "negative width": ("width = 0.297", "width = -0.297", ["line 6", "desk", "-0.297"]),
-    "width that is no number": ("0.297", "'wide'", ["line 6", "width", "number"]),
+    "width that is no number": ("0.297", "'wide'", ["line 6", "width", "no length"]),
     "endless height": ("height = 0.21\n", "height = inf\n", ["line 7", "desk", "inf"]),
     "no height": ("height = 0.21\n", "", ["desk", "height"]),
     "unknown kind": ('"charuco"', '"charuca"', ["line 14", "charuca", "chessboard"]),
@@ -123,6 +124,27 @@ def test_what_is_wrong_is_said_in_one_sentence(name: str) -> None:
     assert message.startswith("room.toml")
     for word in words:
         assert word in message
+
+
+def test_lengths_may_have_their_unit() -> None:
+    text = """
+[[rectangle]]
+name = "desk"
+width = "16cm"
+height = "160mm"
+marking = { kind = "tag", dictionary = "apriltag_36h11", id = 1 }
+world_from_rect = { translation = ["1m", -0.2, "-3in"], angles_deg = [0, 0, 0] }
+[[rectangle]]
+name = "board"
+marking = { kind = "circles", columns = 7, rows = 6, spacing = "3in", diameter = "2in" }
+"""
+    desk, board = parse_config(text).rectangles
+    assert (desk.width, desk.height, board.marking) == (0.16, 0.16, CircleGridMarking(7, 6, 0.0762, 0.0508))
+    assert desk.world_from_rect is not None
+    assert desk.world_from_rect.translation.tolist() == [1.0, -0.2, -0.0762]
+    for wrong, words in (('"160"', "'160' has no unit"), ('"wide"', "no length"), ("true", "expected a length")):
+        with pytest.raises(QuadrigError, match=f"line 4: width in rectangle 1: .*{words}"):
+            parse_config(text.replace('"16cm"', wrong))
 
 
 def test_a_file_that_is_not_there_is_named(tmp_path) -> None:

@@ -100,7 +100,7 @@ def test_the_schema_is_shown(capsys):
 def test_a_base_frame_carries_the_rig(rig, example_rig, tmp_path):
     lenses, frames = str(tmp_path / "lenses"), str(tmp_path / "rig.urdf")
     assert run(["export", rig, "-f", "ros", "-o", lenses]) == 0
-    assert run(["export", rig, "-o", frames, "--base", "base_link", "--base-from-rig", "1 2 3 0 0 90"]) == 0
+    assert run(["export", rig, "-o", frames, "--base", "base_link", "--base-from-rig", "1 200cm 3m 0 0 90"]) == 0
     again = read_any_rig(*sorted((tmp_path / "lenses").iterdir()), frames)
     assert again.reference == "base_link"
     x, y, z = example_rig.camera("cam1").rig_from_camera.translation
