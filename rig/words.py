@@ -89,7 +89,8 @@ def sigma_figure(sigma: float) -> str:
 
 
 def _sigma_decimals(sigma: float) -> int:
-    return int(np.clip(1 - np.floor(np.log10(sigma)), 0, 6)) if sigma > 0 else 0
+    # Of what is rounded to two digits: 0.0996 is 0.10.
+    return int(np.clip(1 - np.floor(np.log10(float(f"{sigma:.1e}"))), 0, 6)) if sigma > 0 else 0
 
 
 def one_line(name: str) -> str:

@@ -19,6 +19,12 @@ LensModel = Literal["pinhole", "fisheye"]
 LENS_PARAMETERS = ("focal", "cx", "cy", "k1", "k2", "p1", "p2", "k3", "aspect")
 """Names of the lens parameters in the order of every parameter vector and lens covariance."""
 
+DISTORTION_NAMES: dict[LensModel, tuple[str, ...]] = {
+    "pinhole": ("k1", "k2", "p1", "p2", "k3"),
+    "fisheye": ("k1", "k2", "k3", "k4"),
+}
+"""What each model calls its distortion, in the order of Intrinsics.distortion."""
+
 # Newton's method for the inverse lens: convergence is quadratic, so ten steps from the undistorted guess are
 # twice what a lens of any use needs; a pixel that is not back to 1e-9 by then has no ray in front of the lens.
 _NEWTON_STEPS = 20

@@ -44,7 +44,7 @@ class CalibrateOne:
         rig = calibrate_searched(searched)
         if self.all_cameras:
             refuse_missing(rig)
-        write_rig(job.output, rig, self.config_text, searched.times)
+        write_rig(job.output, rig, self.config_text, searched.times, job.recording)
         without = f", without {', '.join(rig.missing)}" if rig.missing else ""
         return (
             f"good for {accuracy_in_words(rig)}, {counted(len(rig.cameras), 'camera')}{without}, RMS {rig.rms:.3f} px"

@@ -130,7 +130,7 @@ def calibrate(
         refuse_missing(rig)
     for sentence in rig.missing.values():
         print(f"not placed: {sentence}", file=sys.stderr)
-    write_rig(output, rig, described.text, searched.times)
+    write_rig(output, rig, described.text, searched.times, recording)
     _show(rig, output, as_json)
 
 

@@ -59,7 +59,7 @@ def _calibrate(recording: Path, described: Path, result: Path, workers: int | No
     searched = search_recording([recording], config, Effort(workers=workers))
     rig = calibrate_searched(searched)
     refuse_missing(rig)
-    write_rig(result, rig, config.text, searched.times)
+    write_rig(result, rig, config.text, searched.times, [recording])
     return rig
 
 

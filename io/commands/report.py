@@ -19,5 +19,5 @@ def report(
     """
     from quadrig.io.report.page import report_html
 
-    write_text(output, report_html(read_rig_file(rig)))
+    write_text(output, report_html(read_rig_file(rig), rig.name))
     print(output)

@@ -67,7 +67,7 @@ def setup(
     result = _run(plan, web, no_viewer, save)
     if result.rig is None:
         raise QuadrigError(f"{result.trouble}; the recording is {plan.recording}, and --resume goes on from it")
-    write_rig(output, result.rig, rig_config.text)
+    write_rig(output, result.rig, rig_config.text, recordings=[plan.recording])
     _write_report(output)
     print(_as_json(result, output, plan) if as_json else _as_text(result, output, plan))
 
@@ -78,7 +78,7 @@ def _write_report(output: Path) -> None:
     from quadrig.io.rig_file.rig_mcap import read_rig_file
     from quadrig.io.whole_file import write_text
 
-    write_text(output.with_suffix(".html"), report_html(read_rig_file(output)))
+    write_text(output.with_suffix(".html"), report_html(read_rig_file(output), output.name))
 
 
 def _recordings(output: Path, resume: bool, overwrite: bool) -> tuple[Path, tuple[Path, ...]]:

@@ -1,6 +1,6 @@
 """Figures of a rig that pictures share: outlines, arrows, edges, histograms."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
@@ -20,15 +20,16 @@ _LONGEST_ARROW = 0.15
 _BINS = 24
 
 
-def arrow_scale(camera: Camera) -> float:
-    """How many times longer than they are residuals are drawn, a round number."""
-    usual = camera.rms if np.isfinite(camera.rms) and camera.rms > 0 else 1.0
-    return max(round_down(_ARROW * camera.intrinsics.width / usual), 1.0)
+def arrow_scale(rig: Rig) -> float:
+    """How many times longer than they are residuals are drawn, a round number: one for all cameras, so that their
+    pictures can be compared."""
+    usual = [c.rms / c.intrinsics.width for c in rig.cameras if np.isfinite(c.rms) and c.rms > 0]
+    return max(round_down(_ARROW / max(usual)), 1.0) if usual else 1.0
 
 
-def residual_arrows(camera: Camera, residuals: Floats) -> Floats:
-    """Residuals (P, 2) px, as long as they are drawn."""
-    arrows = arrow_scale(camera) * residuals
+def residual_arrows(camera: Camera, residuals: Floats, scale: float) -> Floats:
+    """Residuals (P, 2) px of a camera, as long as they are drawn: `scale` times longer than they are."""
+    arrows = scale * residuals
     length = np.linalg.norm(arrows, axis=1, keepdims=True)
     return arrows * np.minimum(1.0, _LONGEST_ARROW * camera.intrinsics.width / np.maximum(length, 1e-12))
 
@@ -76,13 +77,17 @@ def edge_widths(information: Sequence[float]) -> list[float]:
     return np.clip(5 + 4 * (size - size.max()) / 3, 1, 5).tolist()
 
 
-def residual_histogram(field: ResidualField) -> tuple[Floats, Floats]:
-    """Counts (B,) of residual lengths and the edges (B+1,) px of their bins; the longest share the last one."""
-    lengths = field.lengths
-    # Beyond three times the 90th percentile are outliers: they share the last bin and do not squash the rest.
-    top = max(3 * float(np.percentile(lengths, 90)), 1e-6) if len(lengths) else 1.0
-    counts, edges = np.histogram(np.minimum(lengths, top), bins=_BINS, range=(0, top))
+def residual_histogram(field: ResidualField, top: float) -> tuple[Floats, Floats]:
+    """Counts (B,) of residual lengths and edges (B+1,) px of their bins up to `top`; longer ones share the last."""
+    counts, edges = np.histogram(np.minimum(field.lengths, top), bins=_BINS, range=(0, top))
     return counts, edges
+
+
+def longest_usual(fields: Iterable[ResidualField]) -> float:
+    """Up to which length, px, the residuals of all cameras are worth a bin."""
+    every = np.concatenate([np.zeros(0), *(field.lengths for field in fields)])
+    # Beyond three times the 90th percentile are outliers: they share the last bin and do not squash the rest.
+    return max(3 * float(np.percentile(every, 90)), 1e-6) if len(every) else 1.0
 
 
 def shared_counts(views: Sequence[View], rectangles: Mapping[str, Rectangle]) -> dict[tuple[str, str], int]:

@@ -9,11 +9,14 @@ from html import escape
 
 import numpy as np
 
+from quadrig.rig.words import one_line
 from quadrig.single.arrays import Floats
 
-_LEFT, _RIGHT, _TOP, _BOTTOM = 54, 10, 8, 30
-# A letter's width and a line's height of the page's 11 px text.
-_LETTER, _LINE = 6.2, 11.5
+_RIGHT, _TOP, _BOTTOM = 12, 8, 34
+# A letter's width and a line's height of the page's 10 px text.
+LETTER, _LINE = 5.8, 11.0
+# How far from their point the base line of words stands.
+_ABOVE, _BELOW = 5, 14
 # A plot lower than this shows no ticks.
 _LOWEST = 120
 
@@ -23,7 +26,7 @@ class Plot:
     """A plot of a range of x and y, y upwards, or downwards where `down`.
 
     equal: one unit is as long along y as along x, and the height no more than that needs. labels: what stands at the
-    axes.
+    axes. axes: which have ticks, "xy", "x" or "", and where none has there is no frame. left: room beside the y axis.
     """
 
     x: tuple[float, float]
@@ -34,7 +37,8 @@ class Plot:
     ylabel: str = ""
     down: bool = False
     equal: bool = False
-    ticks: bool = True
+    axes: str = "xy"
+    left: int = 48
     parts: list[str] = field(default_factory=list)
     names: list[str] = field(default_factory=list)
     words: list[tuple[float, float, float]] = field(default_factory=list)
@@ -42,7 +46,7 @@ class Plot:
     def __post_init__(self) -> None:
         self.x, self.y = _wide(self.x), _wide(self.y)
         if self.equal:
-            inner = (self.width - _LEFT - _RIGHT, self.height - _TOP - _BOTTOM)
+            inner = (self.width - self.left - _RIGHT, self.height - _TOP - _BOTTOM)
             unit = max((self.x[1] - self.x[0]) / inner[0], (self.y[1] - self.y[0]) / inner[1])
             needed = max((self.y[1] - self.y[0]) / unit, _LOWEST)
             self.x, self.y = _grown(self.x, unit * inner[0]), _grown(self.y, unit * needed)
@@ -53,9 +57,9 @@ class Plot:
         points = np.asarray(points, float)
         across = (points[..., 0] - self.x[0]) / (self.x[1] - self.x[0])
         up = (points[..., 1] - self.y[0]) / (self.y[1] - self.y[0])
-        inner_width, inner_height = self.width - _LEFT - _RIGHT, self.height - _TOP - _BOTTOM
+        inner_width, inner_height = self.width - self.left - _RIGHT, self.height - _TOP - _BOTTOM
         down = up if self.down else 1 - up
-        return np.stack([_LEFT + across * inner_width, _TOP + down * inner_height], axis=-1)
+        return np.stack([self.left + across * inner_width, _TOP + down * inner_height], axis=-1)
 
     def line(self, points: Floats, colour: str, width: float = 1.5, closed: bool = False, fill: str = "none") -> None:
         """A line through points (N, 2)."""
@@ -86,36 +90,58 @@ class Plot:
             f'height="{abs(y1 - y0):.1f}" fill="{colour}" fill-opacity="{opacity:.2f}"/>'
         )
 
-    def text(
+    def label(
         self, point: Sequence[float] | Floats, words: str, colour: str = "currentColor", anchor: str = "middle"
     ) -> None:
-        """Words at a point, a little above it and before all marks; higher where other words stand already."""
+        """Words at the very height of a point."""
         x, y = self.to_picture(np.asarray(point, float))
-        half = _LETTER * len(words) / 2
-        middle = x + {"start": half, "middle": 0.0, "end": -half}[anchor]
-        while any(abs(middle - m) < half + h and abs(y - other) < _LINE for m, h, other in self.words):
-            y -= 1.0
-        self.words.append((float(middle), half, float(y)))
+        self._write(float(x), float(y) + 3.5, words, colour, anchor)
+
+    def text(
+        self, point: Sequence[float] | Floats, words: str, colour: str = "currentColor", below: bool = False
+    ) -> None:
+        """Words above a point, or below it, before all marks and inside the plot; higher or lower where other words
+        stand already."""
+        x, y = self.to_picture(np.asarray(point, float))
+        half = LETTER * len(words) / 2
+        middle = float(np.clip(x, half, max(self.width - half, half)))
+        base = float(y) + (_BELOW if below else -_ABOVE)
+        base += self._free(middle, half, base)
+        self.words.append((middle, half, base))
+        self._write(middle, base, words, colour, "middle")
+
+    def _write(self, x: float, y: float, words: str, colour: str, anchor: str) -> None:
         self.names.append(
-            f'<text class="name" x="{x:.1f}" y="{y - 6:.1f}" text-anchor="{anchor}" fill="{colour}">'
-            f"{escape(words)}</text>"
+            f'<text class="name" x="{x:.1f}" y="{y:.1f}" text-anchor="{anchor}" fill="{colour}">'
+            f"{escape(one_line(words))}</text>"
         )
+
+    def _free(self, middle: float, half: float, base: float) -> float:
+        """The least step up or down from a base line at which words so wide have room."""
+        taken = [v for m, h, v in self.words if abs(middle - m) < half + h]
+        highest, lowest = _TOP + _LINE, self.height - (_BOTTOM if self.axes else 0) - 3
+        for size in range(self.height):
+            for step in (-float(size), float(size)):
+                at = base + step
+                if highest <= at <= lowest and not any(abs(at - v) < _LINE for v in taken):
+                    return step
+        return 0.0
 
     def svg(self, title: str) -> str:
         """The plot; title: what it shows, for those who cannot see it."""
-        inner_width, inner_height = self.width - _LEFT - _RIGHT, self.height - _TOP - _BOTTOM
+        inner_width, inner_height = self.width - self.left - _RIGHT, self.height - _TOP - _BOTTOM
         frame = (
-            f'<rect x="{_LEFT}" y="{_TOP}" width="{inner_width}" height="{inner_height}" '
+            f'<rect x="{self.left}" y="{_TOP}" width="{inner_width}" height="{inner_height}" '
             'fill="none" stroke="currentColor" stroke-opacity="0.4"/>'
         )
-        ticks = [*self._ticks(0), *self._ticks(1)] if self.ticks else []
+        ticks = [tick for axis in self.axes for tick in self._ticks("xy".index(axis))]
         labels = [
-            f'<text x="{_LEFT + inner_width / 2:.0f}" y="{self.height - 3}" text-anchor="middle">'
+            f'<text x="{self.left + inner_width / 2:.0f}" y="{self.height - 3}" text-anchor="middle">'
             f"{escape(self.xlabel)}</text>",
             f'<text x="11" y="{_TOP + inner_height / 2:.0f}" text-anchor="middle" '
             f'transform="rotate(-90 11 {_TOP + inner_height / 2:.0f})">{escape(self.ylabel)}</text>',
         ]
-        body = "".join([frame, *ticks, *self.parts, *self.names, *labels])
+        body = "".join([frame if self.axes else "", *ticks, *self.parts, *self.names, *labels])
         return (
             f'<svg role="img" aria-label="{escape(title)}" viewBox="0 0 {self.width} {self.height}" '
             f'width="{self.width}" height="{self.height}">{body}</svg>'
@@ -127,9 +153,11 @@ class Plot:
         for value in round_values(low, high):
             x, y = self.to_picture(np.array([value, self.y[0]] if axis == 0 else [self.x[0], value]))
             if axis == 0:
-                marks.append(f'<text x="{x:.1f}" y="{self.height - 17}" text-anchor="middle">{value:g}</text>')
+                marks.append(f'<path d="M{x:.1f} {self.height - _BOTTOM}v4" stroke="currentColor" opacity="0.5"/>')
+                marks.append(f'<text x="{x:.1f}" y="{self.height - 19}" text-anchor="middle">{value:g}</text>')
             else:
-                marks.append(f'<text x="{_LEFT - 4}" y="{y + 4:.1f}" text-anchor="end">{value:g}</text>')
+                marks.append(f'<path d="M{self.left} {y:.1f}h-4" stroke="currentColor" opacity="0.5"/>')
+                marks.append(f'<text x="{self.left - 7}" y="{y + 3.5:.1f}" text-anchor="end">{value:g}</text>')
         return marks
 
 

@@ -9,6 +9,7 @@ from quadrig.rig.words import Column, one_line
 _GAP = "  "
 # A first column wider than this share of the width leaves too little for the others: it has lines of its own.
 _LARGE_SHARE = 0.4
+_FITS_PHONE = 3
 
 
 def text_table(columns: Sequence[Column], width: int) -> list[list[str]]:
@@ -35,16 +36,21 @@ def markdown_table(columns: Sequence[Column]) -> list[str]:
 
 
 def html_table(columns: Sequence[Column], marks: Sequence[str] = ()) -> str:
-    """A table; marks: HTML before the first cell of each row."""
+    """A table; marks: HTML before the first cell of each row. Each cell carries its heading, for pages too narrow for
+    columns."""
     heads = "".join(f"<th{_class(c)}>{escape(c.name)}<br><small>{escape(c.unit)}</small></th>" for c in columns)
     rows = []
     for index in range(len(columns[0].cells)):
-        cells = [f"<td{_class(column)}>{escape(column.cells[index])}</td>" for column in columns]
+        cells = [
+            f'<td{_class(c)} data-label="{escape(c.heading)}">{escape(one_line(c.cells[index]))}</td>'
+            for c in columns
+        ]
         if marks:
-            cells[0] = f"<td{_class(columns[0])}>{marks[index]} {escape(columns[0].cells[index])}</td>"
+            cells[0] = cells[0].replace(">", f">{marks[index]} ", 1)
         rows.append(f"<tr>{''.join(cells)}</tr>")
-    head = f"<thead><tr>{heads}</tr></thead>"
-    return f'<div class="wide"><table>{head}<tbody>{"".join(rows)}</tbody></table></div>'
+    # On a phone few columns fit; of more, each row stands by itself.
+    rows_apart = ' class="rows"' if len(columns) > _FITS_PHONE else ""
+    return f"<table{rows_apart}><thead><tr>{heads}</tr></thead><tbody>{''.join(rows)}</tbody></table>"
 
 
 def _class(column: Column) -> str:

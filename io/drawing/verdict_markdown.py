@@ -10,13 +10,13 @@ _MARK = {"good": "✔", "with care": "▲", "not yet": "✘"}
 
 
 def verdict_markdown(rig: Rig) -> str:
-    """Headline, what is good, what is weak and what to do, and the cameras as a table, in Markdown."""
+    """Headline, the cameras as a table, what is weak and what to do, and what is good, in Markdown."""
     judged = verdict(rig)
     lines = [f"## {_MARK[judged.grade]} {judged.headline}", "", *([judged.holds, ""] if judged.holds else [])]
-    lines += [*_listed("Why", judged.good), *_listed("What is weak, and what to do", judged.weak)]
-    if not judged.weak:
-        lines += ["Nothing is weak.", ""]
-    lines += [*markdown_table(camera_columns(rig)), "", *_legend(rig)]
+    # The table stands before the lists: however long they are, it is in view.
+    lines += [*markdown_table(camera_columns(rig)), "", ONE_SIGMA, ""]
+    lines += _listed("What is weak, and what to do", judged.weak) if judged.weak else ["Nothing is weak.", ""]
+    lines += [*_listed("Why", judged.good), *_legend(rig)]
     return "\n".join(lines)
 
 
@@ -26,7 +26,7 @@ def _listed(title: str, sentences: tuple[str, ...]) -> list[str]:
 
 def _legend(rig: Rig) -> list[str]:
     return [
-        f"Rig frame: {rig.reference}. {ONE_SIGMA}",
+        f"Rig frame: {rig.reference}.",
         "",
         f"In space: one colour per camera; ellipsoids are position sigmas, drawn {magnification(rig):.0f} times "
         "larger; grey rectangles stand, green ones move along the timeline.",

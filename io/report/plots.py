@@ -6,18 +6,30 @@ import numpy as np
 
 from quadrig.io.drawing.geometry import ellipsoid, extent, level_axes, magnification, outlines, positions
 from quadrig.io.drawing.palette import FAULT, FINE, MOVING, PREDICTED, STATIC, Colour, hexadecimal, rig_colours
-from quadrig.io.drawing.rig_figures import arrow_scale, edge_widths, graph_edges, residual_arrows, residual_histogram
-from quadrig.io.drawing.svg import Plot
+from quadrig.io.drawing.rig_figures import (
+    arrow_scale,
+    edge_widths,
+    graph_edges,
+    longest_usual,
+    residual_arrows,
+    residual_histogram,
+)
+from quadrig.io.drawing.svg import LETTER, Plot
 from quadrig.rig.doubt.disagreement import disagreements
 from quadrig.rig.doubt.residual_field import COLUMNS, ROWS, residual_field
 from quadrig.rig.doubt.verdict import contradiction_limit
-from quadrig.rig.result import Camera, Rig
+from quadrig.rig.result import Camera, PlacedRectangle, Rig
 from quadrig.single.arrays import Floats
 
 # A report shows a share of very many residuals: 1500 arrows fill a picture, and its file stays small.
 _MOST_ARROWS = 1500
 _MOST_OUTLINES = 120
 _COVERED = "#4a86c8"
+_WIDTH = 420
+# Of the two plots beside the tables of a camera.
+_BESIDE = 340
+# Between two rows of bars or of names.
+_ROW = 24
 
 
 def level_view(rig: Rig, rows: tuple[int, int], title: str, labels: tuple[str, str]) -> str:
@@ -28,7 +40,7 @@ def level_view(rig: Rig, rows: tuple[int, int], title: str, labels: tuple[str, s
     size, doubt_scale = extent(rig), magnification(rig)
     margin = 0.12 * size
     low, high = every.min(axis=0) - margin, every.max(axis=0) + margin
-    plot = Plot((low[0], high[0]), (low[1], high[1]), 520, 400, labels[0], labels[1], equal=True)
+    plot = Plot((low[0], high[0]), (low[1], high[1]), _WIDTH, 340, labels[0], labels[1], equal=True)
     for placed in rig.rectangles:
         colour = hexadecimal(MOVING if placed.rectangle.moving else STATIC)
         rings = outlines(placed)
@@ -36,7 +48,8 @@ def level_view(rig: Rig, rows: tuple[int, int], title: str, labels: tuple[str, s
         for ring in rings[::step]:
             plot.line(ring @ axes.T, colour, 0.6 if placed.rectangle.moving else 2.0)
         if not placed.rectangle.moving:
-            plot.text(rings[0, :4].mean(axis=0) @ axes.T, placed.name, colour)
+            shown = rings[0] @ axes.T
+            plot.text((shown[:, 0].mean(), shown[:, 1].max()), placed.name, colour)
     for camera, colour in zip(rig.cameras, rig_colours(rig).values(), strict=True):
         _draw_camera(plot, camera, colour, axes, 0.09 * size)
         covariance = doubt_scale**2 * rig.pose_covariance(camera.name)[3:, 3:]
@@ -63,31 +76,38 @@ def _draw_ellipse(plot: Plot, camera: Camera, colour: Colour, axes: Floats, cova
         ring = np.stack([np.cos(angle), np.sin(angle)], axis=1) * np.sqrt(np.maximum(sizes, 0))
         plot.line(eye + ring @ directions.T, hexadecimal(colour), 1.0, closed=True, fill=hexadecimal(colour) + "40")
     plot.dots(eye[None], hexadecimal(colour), 2.5)
-    plot.text(eye, camera.name, hexadecimal(colour))
+    plot.text(eye, camera.name, hexadecimal(colour), below=True)
 
 
 def graph(rig: Rig) -> str:
     """Cameras left, rectangles right; lines as thick as what they carry, red where they disagree."""
-    height = max(len(rig.cameras), len(rig.rectangles), 2)
-    plot = Plot((-0.6, 1.6), (0, height), 520, max(180, 44 * height), down=True, ticks=False)
-    colours = rig_colours(rig)
-    left = {c.name: (0.0, y) for c, y in zip(rig.cameras, _spread(len(rig.cameras), height), strict=True)}
-    right = {p.name: (1.0, y) for p, y in zip(rig.rectangles, _spread(len(rig.rectangles), height), strict=True)}
+    cameras, rectangles = [camera.name for camera in rig.cameras], [_with_count(p) for p in rig.rectangles]
+    rows = max(len(cameras), len(rectangles), 2)
+    rooms = [LETTER * max(map(len, names), default=0) + 14 for names in (cameras, rectangles)]
+    width = max(_WIDTH, round(sum(rooms)) + 120)
+    plot = Plot((0, width), (0, rows), width, _ROW * rows + 40, down=True, axes="", left=12)
+    at = [plot.x[0] + rooms[0], plot.x[1] - rooms[1]]
+    left = {name: (at[0], y) for name, y in zip(cameras, _spread(len(cameras), rows), strict=True)}
+    right = {p.name: (at[1], y) for p, y in zip(rig.rectangles, _spread(len(rig.rectangles), rows), strict=True)}
     views = disagreements(rig)
     edges = [edge for edge in graph_edges(views) if edge.camera in left and edge.rectangle in right]
     limit = contradiction_limit(views)
-    for edge, width in zip(edges, edge_widths([edge.information for edge in edges]), strict=True):
+    for edge, thick in zip(edges, edge_widths([edge.information for edge in edges]), strict=True):
         colour = hexadecimal(FAULT if edge.sigmas > limit else FINE)
-        plot.line(np.array([left[edge.camera], right[edge.rectangle]]), colour, 1.6 * width)
+        plot.line(np.array([left[edge.camera], right[edge.rectangle]]), colour, 1.2 * thick)
+    colours = rig_colours(rig)
     for name, place in left.items():
-        plot.dots(np.array([place]), hexadecimal(colours[name]), 7)
-        plot.text((place[0] - 0.06, place[1] + 0.22), name, hexadecimal(colours[name]), "end")
-    for placed in rig.rectangles:
+        plot.dots(np.array([place]), hexadecimal(colours[name]), 5)
+        plot.label((place[0] - 10, place[1]), name, hexadecimal(colours[name]), "end")
+    for placed, words in zip(rig.rectangles, rectangles, strict=True):
         place, colour = right[placed.name], hexadecimal(MOVING if placed.rectangle.moving else STATIC)
-        plot.dots(np.array([place]), colour, 7)
-        count = f" x{len(placed.framesets)}" if placed.rectangle.moving else ""
-        plot.text((place[0] + 0.06, place[1] + 0.22), placed.name + count, colour, "start")
+        plot.dots(np.array([place]), colour, 5)
+        plot.label((place[0] + 10, place[1]), words, colour, "start")
     return plot.svg("who saw what: cameras, rectangles, and how much each pair carries")
+
+
+def _with_count(placed: PlacedRectangle) -> str:
+    return f"{placed.name} x{len(placed.framesets)}" if placed.rectangle.moving else placed.name
 
 
 def cycle_errors(rig: Rig) -> str:
@@ -97,11 +117,13 @@ def cycle_errors(rig: Rig) -> str:
     framesets = [one.frameset for one in known] or [0]
     top = max([1.3 * limit, *(one.sigmas for one in known if not one.rejected)])
     bounds_ = (min(framesets) - 0.5, max(framesets) + 0.5)
-    plot = Plot(bounds_, (0, 1.05 * top), 520, 240, "frameset", "sigmas")
+    plot = Plot(bounds_, (0, 1.05 * top), _WIDTH, 240, "frameset", "distance from the rig, sigmas")
     plot.line(np.array([[bounds_[0], limit], [bounds_[1], limit]]), hexadecimal(FAULT), 1.0)
-    for name, colour in rig_colours(rig).items():
-        own = [(one.frameset, min(one.sigmas, top)) for one in known if one.camera == name and not one.rejected]
-        plot.dots(np.array(own).reshape(-1, 2), hexadecimal(colour), 2.2)
+    # Cameras stand beside one another at each frameset.
+    aside = np.linspace(-0.3, 0.3, len(rig.cameras)) if len(rig.cameras) > 1 else [0.0]
+    for (name, colour), shift in zip(rig_colours(rig).items(), aside, strict=True):
+        own = [(one.frameset + shift, one.sigmas) for one in known if one.camera == name and not one.rejected]
+        plot.dots(np.array(own).reshape(-1, 2), hexadecimal(colour), 2.0)
     return plot.svg("how far each View disagrees with the rig, in its own sigmas")
 
 
@@ -109,35 +131,25 @@ def held_out(rig: Rig) -> str:
     """RMS of the fit (full) and of framesets held out of it (pale), for each camera."""
     rows = np.nan_to_num([(camera.rms, camera.held_out_rms) for camera in rig.cameras])
     top = max(1e-3, float(rows.max(initial=0.0)))
-    height = 30 * len(rows) + 40
-    # The words stand to the right of the bars.
-    plot = Plot((0, 1.9 * top), (0, len(rows)), 520, height, down=True, ticks=False)
+    left = round(LETTER * max(len(camera.name) for camera in rig.cameras)) + 14
+    # The figures stand to the right of the bars.
+    size = (max(_WIDTH, left + 200), (_ROW + 8) * len(rows) + 50)
+    plot = Plot((0, 1.2 * top), (0, len(rows)), *size, "RMS px", down=True, axes="x", left=left)
     for index, (camera, (fit, out)) in enumerate(zip(rig.cameras, rows, strict=True)):
         colour = hexadecimal(rig_colours(rig)[camera.name])
-        plot.box((0, index + 0.15), (fit, index + 0.5), colour)
-        plot.box((0, index + 0.5), (out, index + 0.85), colour, 0.5)
-        words = f"{camera.name}: {fit:.2f} px" + (f", held out {out:.2f} px" if out else "")
-        plot.text((max(fit, out) + 0.03 * top, index + 0.8), words, "currentColor", "start")
+        plot.box((0, index + 0.14), (fit, index + 0.48), colour)
+        plot.box((0, index + 0.52), (out, index + 0.86), colour, 0.5)
+        plot.label((-0.012 * top, index + 0.5), camera.name, colour, "end")
+        for value, middle in ((fit, 0.31), (out, 0.69)):
+            plot.label((value + 0.015 * top, index + middle), f"{value:.2f}" if value else "unknown", anchor="start")
     return plot.svg("RMS of the fit and of framesets held out of it, by camera")
-
-
-def steps(rig: Rig) -> str:
-    """The cost of the adjustment, step by step."""
-    costs = np.log10(np.maximum(np.asarray(rig.costs, float), 1e-300))
-    low, high = (float(costs.min()), float(costs.max())) if len(costs) else (0.0, 1.0)
-    plot = Plot((0, max(len(costs) - 1, 1)), (low, high), 520, 200, "step", "log10 cost")
-    if len(costs):
-        points = np.column_stack([np.arange(len(costs), dtype=float), costs])
-        plot.line(points, hexadecimal(FINE))
-        plot.dots(points, hexadecimal(FINE), 2)
-    return plot.svg("cost of the adjustment by step")
 
 
 def field(rig: Rig, camera: Camera) -> str:
     """Residual vectors over the picture, enlarged, on the fields that corners covered."""
     lens, held = camera.intrinsics, residual_field(rig, camera.name)
-    height = round(360 * lens.height / lens.width) + 40
-    plot = Plot((0, lens.width), (0, lens.height), 414, height, down=True)
+    height = round((_BESIDE - 60) * lens.height / lens.width) + 42
+    plot = Plot((0, lens.width), (0, lens.height), _BESIDE, height, "x px", "y px", down=True)
     most = max(int(held.counts.max()), 1)
     for row in range(ROWS):
         for column in range(COLUMNS):
@@ -147,16 +159,17 @@ def field(rig: Rig, camera: Camera) -> str:
                 plot.box(low, high, _COVERED, 0.12 + 0.4 * float(np.sqrt(held.counts[row, column] / most)))
     chosen = _some(len(held.pixels), _MOST_ARROWS)
     starts = held.pixels[chosen] - held.residuals[chosen]
-    ends = starts + residual_arrows(camera, held.residuals[chosen])
+    ends = starts + residual_arrows(camera, held.residuals[chosen], arrow_scale(rig))
     plot.segments(starts, ends, hexadecimal(PREDICTED))
-    plot.xlabel = f"residuals drawn {arrow_scale(camera):.0f} times longer"
     return plot.svg(f"{camera.name}: residuals over the picture, and where corners were")
 
 
 def histogram(rig: Rig, camera: Camera) -> str:
-    """How long residuals are."""
-    counts, edges = residual_histogram(residual_field(rig, camera.name))
-    plot = Plot((0, float(edges[-1])), (0, float(max(counts.max(), 1))), 300, 180, "residual px", "corners")
+    """How long residuals are, on the scale of all cameras."""
+    fields = {one.name: residual_field(rig, one.name) for one in rig.cameras}
+    counts, edges = residual_histogram(fields[camera.name], longest_usual(fields.values()))
+    top = float(max(counts.max(), 1))
+    plot = Plot((0, float(edges[-1])), (0, 1.05 * top), _BESIDE, 200, "length of residual, px", "corners")
     colour = hexadecimal(rig_colours(rig)[camera.name])
     for count, low, high in zip(counts, edges[:-1], edges[1:], strict=True):
         plot.box((low, 0), (low + 0.92 * (high - low), count), colour)

@@ -10,7 +10,7 @@ from quadrig.rig.doubt.lens_accuracy import lens_accuracy
 from quadrig.rig.doubt.verdict import verdict
 from quadrig.rig.doubt.weaknesses import coverage
 from quadrig.rig.result import Camera, Rig, camera_columns, lens_columns
-from quadrig.rig.words import ONE_SIGMA, Column, counted, figure
+from quadrig.rig.words import ONE_SIGMA, Column, counted, figure, sigma_figure
 from quadrig.single.lens import LENS_PARAMETERS
 
 
@@ -56,15 +56,10 @@ def lens_figures(every: Sequence[tuple[Rig, Camera]]) -> list[Column]:
     """What a lens is good for, how much of its picture was covered, which of its parameters were estimated."""
     covered = [100 * coverage(rig)[camera.name] for rig, camera in every]
     return [
-        Column("lens", "± px", tuple(_lens_accuracy(rig, camera) for rig, camera in every)),
+        Column("lens", "± px", tuple(sigma_figure(lens_accuracy(rig, camera.name)) for rig, camera in every)),
         Column("covered", "%", tuple(f"{share:.0f}" for share in covered)),
         Column("estimated", "", tuple(lens_words(camera) for _, camera in every), words=True),
     ]
-
-
-def _lens_accuracy(rig: Rig, camera: Camera) -> str:
-    accuracy = lens_accuracy(rig, camera.name)
-    return f"{accuracy:.2g}" if np.isfinite(accuracy) else "unknown"
 
 
 def lens_words(camera: Camera) -> str:

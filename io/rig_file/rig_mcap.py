@@ -42,19 +42,28 @@ _OUTLINE_POINTS = 60
 @dataclass(frozen=True, eq=False)
 class RigFile:
     """What a rig.mcap holds: the Rig, the rig.toml it was made with, the times (ns since 1970) of its framesets by
-    index (empty where unknown), and the version of quadrig that wrote it."""
+    index (empty where unknown), the version of quadrig that wrote it, and the names of the recordings it was made
+    from."""
 
     rig: Rig
     config_text: str = ""
     times: tuple[int, ...] = ()
     version: str = ""
+    recordings: tuple[str, ...] = ()
 
 
-def write_rig(path: Path | str, rig: Rig, config_text: str = "", times: Sequence[int] = ()) -> None:
+def write_rig(
+    path: Path | str,
+    rig: Rig,
+    config_text: str = "",
+    times: Sequence[int] = (),
+    recordings: Sequence[Path | str] = (),
+) -> None:
     """Write a Rig to an MCAP file, whole or not at all.
 
     config_text: the rig.toml as the user wrote it. times: ns since 1970 of each frameset, by index; one microsecond
-    apart from zero where not given. Raises QuadrigError where the file cannot be written.
+    apart from zero where not given. recordings: what it was made from; the names are kept, without their folders.
+    Raises QuadrigError where the file cannot be written.
     """
     known = tuple(int(time) for time in times)
     times = known or _invented_times(rig)
@@ -70,7 +79,8 @@ def write_rig(path: Path | str, rig: Rig, config_text: str = "", times: Sequence
             writer.write_protobuf(f"/{placed.name}/outline", _outline(placed, first), first)
         _write_record(writer, rig, times, known)
         writer.attach(CONFIG_ATTACHMENT, "application/toml", config_text.encode(), first)
-        writer.add_metadata("quadrig", {"version": __version__, "record": str(RECORD_FORMAT)})
+        names = msgspec.json.encode([Path(recording).name for recording in recordings]).decode()
+        writer.add_metadata("quadrig", {"version": __version__, "record": str(RECORD_FORMAT), "recordings": names})
         writer.finish()
 
 
@@ -93,7 +103,8 @@ def read_rig_file(path: Path | str) -> RigFile:
             for _, channel, message in reader.iter_messages(topics=[RIG_TOPIC, VIEWS_TOPIC], log_time_order=False):
                 (records if channel.topic == RIG_TOPIC else views).append(message.data)
             config = [a.data.decode() for a in reader.iter_attachments() if a.name == CONFIG_ATTACHMENT]
-            version = [m.metadata.get("version", "") for m in reader.iter_metadata() if m.name == "quadrig"]
+            (metadata,) = [m.metadata for m in reader.iter_metadata() if m.name == "quadrig"][-1:] or [{}]
+            recordings = msgspec.json.decode(metadata.get("recordings", "[]"), type=tuple[str, ...])
         if not records:
             raise QuadrigError(f"{path} is MCAP but holds no rig; give the rig.mcap that `rig calibrate` wrote")
         rig, times = decode_rig(records[-1], tuple(decode_fit(view) for view in views))
@@ -106,7 +117,7 @@ def read_rig_file(path: Path | str) -> RigFile:
         raise QuadrigError(
             f"{path} cannot be read as a rig.mcap ({_first_line(error)}); write it again with `rig calibrate`"
         ) from error
-    return RigFile(rig, "".join(config[-1:]), times, "".join(version[-1:]))
+    return RigFile(rig, "".join(config[-1:]), times, metadata.get("version", ""), recordings)
 
 
 def rig_frame_name(rig: Rig) -> str:

@@ -77,25 +77,32 @@ def _covered(rig: Rig) -> list[str]:
     return [f"corners covered little of the pictures, {_listed(shares)}; a lens is a guess in the rest"]
 
 
-def clocks_apart(rig: Rig) -> list[str]:
-    """Which clocks disagree, in a sentence, [] where none do.
+def clock_offsets(rig: Rig) -> tuple[str, dict[str, float]]:
+    """By how much later than a camera of that name each other takes its pictures of one stamp, s; none where no clock
+    was compared.
 
     Against the clock of the camera that agrees with most others, for only differences of clocks can be known.
     """
-    known = [camera for camera in rig.cameras if camera.clock_offset]
+    known = {camera.name: camera.clock_offset for camera in rig.cameras if camera.clock_offset}
     if not known:
-        return []
-    offsets = np.array([camera.clock_offset for camera in known])
-    base = int(np.argmin(np.abs(offsets[:, None] - offsets).sum(axis=0)))
+        return "", {}
+    offsets = np.array(list(known.values()))
+    base = list(known)[int(np.argmin(np.abs(offsets[:, None] - offsets).sum(axis=0)))]
+    return base, {name: offset - known[base] for name, offset in known.items()}
+
+
+def clocks_apart(rig: Rig) -> list[str]:
+    """Which clocks disagree, in a sentence, [] where none do."""
+    base, offsets = clock_offsets(rig)
     when = [
-        f"{1000 * abs(late):.0f} ms {'later' if late > 0 else 'earlier'} by {camera.name}"
-        for camera, late in zip(known, (offsets - offsets[base]).tolist(), strict=True)
+        f"{1000 * abs(late):.0f} ms {'later' if late > 0 else 'earlier'} by {name}"
+        for name, late in offsets.items()
         if abs(late) > _NOTABLE_OFFSET
     ]
     if not when:
         return []
     return [
-        f"clocks disagree: against {known[base].name}, pictures of the same stamp were taken {_listed(when)}; "
+        f"clocks disagree: against {base}, pictures of the same stamp were taken {_listed(when)}; "
         "allowed for here, but other software will not know"
     ]
 

@@ -30,7 +30,7 @@ def import_(
     """
     metres = None if unit is None else read_length(unit if unit[:1].isdigit() else f"1{unit}")
     rig = read_any_rig(*files, unit=metres, size=None if size is None else _size(size))
-    write_rig(output, rig)
+    write_rig(output, rig, recordings=files)
     print(f"{output}: {counted(len(rig.cameras), 'camera')} in the frame of {rig.reference}")
     if not rig.is_doubt_known:
         note("what they say of how sure they are is not all; `rig info` shows what is known")

@@ -6,6 +6,7 @@ import rerun.blueprint as rrb
 
 from quadrig.io.drawing.geometry import bounds, extent, first_eye, positions
 from quadrig.io.drawing.rig_figures import arrow_scale
+from quadrig.io.viewer.inspect.graph import graph_view
 from quadrig.rig.result import Camera, Rig
 from quadrig.single.arrays import Floats
 
@@ -16,39 +17,24 @@ _MARGIN = 0.02
 def rig_blueprint(rig: Rig) -> rrb.Blueprint:
     """The blueprint for what log_rig logs."""
     pictures = [_picture(camera, f"space/cameras/{camera.name}", camera.name) for camera in rig.cameras]
-    fields = [
-        _picture(
-            camera,
-            f"field/{camera.name}",
-            f"{camera.name}: residuals x{arrow_scale(camera):.0f}, coverage",
+    fields = [_picture(camera, f"field/{camera.name}", camera.name) for camera in rig.cameras]
+    quiet = rrb.PlotLegend(visible=False)
+    histograms = [
+        rrb.BarChartView(
+            origin=f"histogram/{camera.name}", name=f"{camera.name}: corners by residual, px", plot_legend=quiet
         )
         for camera in rig.cameras
     ]
-    quiet = rrb.PlotLegend(visible=False)
-    histograms = [
-        rrb.BarChartView(origin=f"histogram/{camera.name}", name=f"{camera.name}: px", plot_legend=quiet)
-        for camera in rig.cameras
-    ]
-    graph = rrb.Spatial2DView(origin="graph", name="who saw what")
-    steps = rrb.BarChartView(origin="steps", name="steps: log10 of cost", plot_legend=quiet)
+    columns = _columns(len(pictures))
+    residuals = rrb.Tabs(
+        rrb.Grid(*fields, grid_columns=columns, name=f"residuals, {arrow_scale(rig):.0f} times longer, and coverage"),
+        rrb.Grid(*histograms, grid_columns=columns, name="histograms"),
+    )
     verdict = rrb.TextDocumentView(origin="verdict", name="verdict")
     return rrb.Blueprint(
         rrb.Horizontal(
-            rrb.Vertical(
-                space_view(rig), rrb.Grid(*pictures, grid_columns=_columns(len(pictures))), row_shares=[3, 2]
-            ),
-            rrb.Vertical(
-                verdict,
-                rrb.Horizontal(
-                    graph,
-                    rrb.Tabs(
-                        rrb.Grid(*histograms, grid_columns=_columns(len(histograms)), name="residual histograms"),
-                        steps,
-                    ),
-                ),
-                rrb.Grid(*fields, grid_columns=_columns(len(fields))),
-                row_shares=[5, 2, 3],
-            ),
+            rrb.Vertical(space_view(rig), rrb.Grid(*pictures, grid_columns=columns), row_shares=[3, 2]),
+            rrb.Vertical(verdict, graph_view(rig), residuals, row_shares=[9, 4, 7]),
             column_shares=[5, 4],
         ),
         rrb.TimePanel(state="collapsed", timeline="frameset"),

@@ -4,14 +4,28 @@ import cv2
 import numpy as np
 import rerun as rr
 
-from quadrig.io.drawing.palette import FINE, PREDICTED, Colour
-from quadrig.io.drawing.rig_figures import residual_arrows, residual_histogram
+from quadrig.io.drawing.palette import FINE, PREDICTED, rig_colours
+from quadrig.io.drawing.rig_figures import arrow_scale, longest_usual, residual_arrows, residual_histogram
 from quadrig.rig.doubt.residual_field import ResidualField, residual_field
 from quadrig.rig.result import Camera, Rig
 
 
-def log_field(recording: rr.RecordingStream, rig: Rig, camera: Camera, colour: Colour) -> None:
-    field, path, lens = residual_field(rig, camera.name), f"field/{camera.name}", camera.intrinsics
+def log_fields(recording: rr.RecordingStream, rig: Rig) -> None:
+    """Log every camera's residuals under field/<name> and histogram/<name>, on one scale for all."""
+    fields = {camera.name: residual_field(rig, camera.name) for camera in rig.cameras}
+    top, scale = longest_usual(fields.values()), arrow_scale(rig)
+    for camera, colour in zip(rig.cameras, rig_colours(rig).values(), strict=True):
+        field = fields[camera.name]
+        _log_field(recording, camera, field, scale)
+        if len(field.pixels):
+            counts, edges = residual_histogram(field, top)
+            middles = (edges[1:] + edges[:-1]) / 2
+            bars = rr.BarChart(counts, abscissa=middles, widths=np.diff(edges) * 0.9, color=colour)
+            recording.log(f"histogram/{camera.name}", bars, static=True)
+
+
+def _log_field(recording: rr.RecordingStream, camera: Camera, field: ResidualField, scale: float) -> None:
+    path, lens = f"field/{camera.name}", camera.intrinsics
     frame = [[0, 0], [lens.width, 0], [lens.width, lens.height], [0, lens.height], [0, 0]]
     recording.log(f"{path}/frame", rr.LineStrips2D([frame], colors=[FINE], radii=rr.Radius.ui_points(1)), static=True)
     recording.log(
@@ -25,17 +39,13 @@ def log_field(recording: rr.RecordingStream, rig: Rig, camera: Camera, colour: C
         f"{path}/residuals",
         rr.Arrows2D(
             origins=field.pixels - field.residuals,
-            vectors=residual_arrows(camera, field.residuals),
+            vectors=residual_arrows(camera, field.residuals, scale),
             colors=[PREDICTED],
             radii=rr.Radius.ui_points(0.8),
             draw_order=20,
         ),
         static=True,
     )
-    counts, edges = residual_histogram(field)
-    middles = (edges[1:] + edges[:-1]) / 2
-    bars = rr.BarChart(counts, abscissa=middles, widths=np.diff(edges) * 0.9, color=colour)
-    recording.log(f"histogram/{camera.name}", bars, static=True)
 
 
 def _coverage_png(field: ResidualField, camera: Camera) -> bytes:

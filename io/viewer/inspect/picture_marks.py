@@ -7,7 +7,7 @@ import rerun as rr
 
 from quadrig.io.drawing.geometry import rises
 from quadrig.io.drawing.palette import FAULT, FOUND, PREDICTED, Colour
-from quadrig.io.drawing.rig_figures import predicted_outline, residual_arrows
+from quadrig.io.drawing.rig_figures import arrow_scale, predicted_outline, residual_arrows
 from quadrig.io.viewer.inspect.timeline import set_frameset
 from quadrig.rig.result import Camera, Rig, ViewFit
 from quadrig.single.arrays import Floats
@@ -22,22 +22,23 @@ def log_picture_marks(
         frame = [[0, 0], [lens.width, 0], [lens.width, lens.height], [0, lens.height], [0, 0]]
         edge = rr.LineStrips2D([frame], colors=[colours[camera.name]], radii=rr.Radius.ui_points(1))
         recording.log(f"space/cameras/{camera.name}/marks/frame", edge, static=True)
+    scale = arrow_scale(rig)
     by_instant: dict[tuple[int, str], list[ViewFit]] = {}
     for fit in rig.fits:
         by_instant.setdefault((fit.view.frameset, fit.view.camera), []).append(fit)
     for frameset in sorted({fit.view.frameset for fit in rig.fits}):
         set_frameset(recording, frameset, times)
         for camera in rig.cameras:
-            _log_marks(recording, rig, camera, by_instant.get((frameset, camera.name), []))
+            _log_marks(recording, rig, camera, scale, by_instant.get((frameset, camera.name), []))
     recording.reset_time()
 
 
-def _log_marks(recording: rr.RecordingStream, rig: Rig, camera: Camera, fits: list[ViewFit]) -> None:
+def _log_marks(recording: rr.RecordingStream, rig: Rig, camera: Camera, scale: float, fits: list[ViewFit]) -> None:
     path = f"space/cameras/{camera.name}/marks"
     for part in ("found", "residuals") if not fits else ():
         recording.log(f"{path}/{part}", rr.Clear(recursive=False))
     if fits:
-        _log_corners(recording, path, camera, fits)
+        _log_corners(recording, path, camera, scale, fits)
     rings = [(fit, predicted_outline(rig, camera, fit)) for fit in fits]
     drawn = [(fit, ring) for fit, ring in rings if ring is not None]
     for part in ("predicted", "names") if not drawn else ():
@@ -46,7 +47,7 @@ def _log_marks(recording: rr.RecordingStream, rig: Rig, camera: Camera, fits: li
         _log_outlines(recording, path, camera, drawn)
 
 
-def _log_corners(recording: rr.RecordingStream, path: str, camera: Camera, fits: list[ViewFit]) -> None:
+def _log_corners(recording: rr.RecordingStream, path: str, camera: Camera, scale: float, fits: list[ViewFit]) -> None:
     """Found corners, and arrows (enlarged) from where the rig predicts them."""
     pixels = np.concatenate([fit.view.pixels for fit in fits])
     residuals = np.concatenate([fit.residuals for fit in fits])
@@ -58,7 +59,7 @@ def _log_corners(recording: rr.RecordingStream, path: str, camera: Camera, fits:
         f"{path}/residuals",
         rr.Arrows2D(
             origins=(pixels - residuals)[predicted],
-            vectors=residual_arrows(camera, residuals[predicted]),
+            vectors=residual_arrows(camera, residuals[predicted], scale),
             colors=[PREDICTED],
             radii=rr.Radius.ui_points(1.0),
             draw_order=31,

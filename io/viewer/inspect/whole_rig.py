@@ -1,18 +1,17 @@
 """A Rig in rerun: cameras, rectangles and their doubt in space, what was found and predicted in every picture, the
-pose graph, the residuals over each picture, the adjustment's steps, and the verdict in words.
+pose graph, the residuals over each picture, and the verdict in words.
 
 Entities: space/... in the rig frame (metres), space/cameras/<name> with a Pinhole each and what lies in its picture;
-graph, field/<name>, histogram/<name>, steps, verdict.
+graph, field/<name>, histogram/<name>, verdict.
 """
 
 from collections.abc import Iterable, Sequence
 
-import numpy as np
 import rerun as rr
 
-from quadrig.io.drawing.palette import FINE, rig_colours
+from quadrig.io.drawing.palette import rig_colours
 from quadrig.io.drawing.verdict_markdown import verdict_markdown
-from quadrig.io.viewer.inspect.field import log_field
+from quadrig.io.viewer.inspect.field import log_fields
 from quadrig.io.viewer.inspect.graph import log_graph
 from quadrig.io.viewer.inspect.picture_marks import log_picture_marks
 from quadrig.io.viewer.inspect.space import log_space
@@ -28,12 +27,7 @@ def log_rig(recording: rr.RecordingStream, rig: Rig, times: Sequence[int] = ()) 
     log_space(recording, rig, colours, times)
     log_picture_marks(recording, rig, colours, times)
     log_graph(recording, rig, disagreements(rig), colours)
-    for camera in rig.cameras:
-        log_field(recording, rig, camera, colours[camera.name])
-    if rig.costs:
-        # Of hundreds of steps the first bring nearly all: bars of logarithms show the rest too.
-        steps = np.log10(np.asarray(rig.costs, float))
-        recording.log("steps", rr.BarChart(steps, color=FINE), static=True)
+    log_fields(recording, rig)
 
 
 def log_pictures(

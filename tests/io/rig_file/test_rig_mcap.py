@@ -33,7 +33,8 @@ def assert_same(one, other, where="rig"):
 @pytest.fixture(scope="module")
 def rig_path(example_rig, example_config, tmp_path_factory):
     path = tmp_path_factory.mktemp("rig") / "rig.mcap"
-    write_rig(path, example_rig, example_config, times=[5_000_000_000 + 33_000_000 * i for i in range(12)])
+    times = [5_000_000_000 + 33_000_000 * i for i in range(12)]
+    write_rig(path, example_rig, example_config, times, ["/somewhere/room.mcap", "cam1.mp4"])
     return path
 
 
@@ -43,6 +44,7 @@ def test_the_record_comes_back_to_the_last_bit(rig_path, example_rig, example_co
     assert held.config_text == example_config
     assert held.times[1] == 5_033_000_000
     assert held.version
+    assert held.recordings == ("room.mcap", "cam1.mp4")
 
 
 def test_nan_and_infinity_survive(example_rig, tmp_path):

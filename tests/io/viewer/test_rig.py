@@ -9,7 +9,14 @@ import pytest
 
 from quadrig.io.commands.inspect import save_rrd
 from quadrig.io.drawing.geometry import apart, ellipsoid, first_eye, level_axes, magnification, up_direction
-from quadrig.io.drawing.rig_figures import arrow_scale, edge_widths, graph_edges, residual_arrows, residual_histogram
+from quadrig.io.drawing.rig_figures import (
+    arrow_scale,
+    edge_widths,
+    graph_edges,
+    longest_usual,
+    residual_arrows,
+    residual_histogram,
+)
 from quadrig.io.rig_file.rig_mcap import RigFile
 from quadrig.rig.doubt.disagreement import disagreements
 from quadrig.rig.doubt.residual_field import residual_field
@@ -74,7 +81,7 @@ def test_rectangles_lie_where_the_rig_has_them(logged, example_rig):
 
 def test_pictures_hold_what_was_found_and_what_is_missed(logged, example_rig):
     camera = example_rig.cameras[1]
-    scale = arrow_scale(camera)
+    scale = arrow_scale(example_rig)
     found = logged[f"/space/cameras/{camera.name}/marks/found", "Points2D:positions"]
     arrows = dict(logged[f"/space/cameras/{camera.name}/marks/residuals", "Arrows2D:vectors"])
     for frameset, positions in found:
@@ -93,9 +100,10 @@ def test_the_verdict_is_there_in_words(logged, example_rig):
 
 
 def test_every_camera_has_its_field_and_histogram(logged, example_rig):
+    fields = {camera.name: residual_field(example_rig, camera.name) for camera in example_rig.cameras}
     for camera in example_rig.cameras:
-        field = residual_field(example_rig, camera.name)
-        counts, edges = residual_histogram(field)
+        field = fields[camera.name]
+        counts, edges = residual_histogram(field, longest_usual(fields.values()))
         assert counts.sum() == len(field.residuals) > 0
         assert edges[0] == 0
         assert (f"/histogram/{camera.name}", "BarChart:values") in logged
@@ -138,8 +146,8 @@ def test_ellipsoids_are_the_covariance(example_rig):
 
 def test_arrows_of_faults_do_not_lie_across_everything(example_rig):
     camera = example_rig.cameras[0]
-    arrows = residual_arrows(camera, np.array([[0.1, 0.0], [300.0, -400.0], [0.0, 0.0]]))
-    np.testing.assert_allclose(arrows[0], arrow_scale(camera) * np.array([0.1, 0.0]))
+    arrows = residual_arrows(camera, np.array([[0.1, 0.0], [300.0, -400.0], [0.0, 0.0]]), 10.0)
+    np.testing.assert_allclose(arrows[0], [1.0, 0.0])
     assert np.linalg.norm(arrows[1]) < 0.2 * camera.intrinsics.width
     np.testing.assert_allclose(arrows[1] / np.linalg.norm(arrows[1]), [0.6, -0.8])
     np.testing.assert_array_equal(arrows[2], 0)
