@@ -5,18 +5,19 @@ triangulated by the calibrated rig, one rigid motion of all points taken out, si
 accuracy: the true error of those points over the working accuracy that the rig claims, median. beyond 5 sigmas: as
 improbable as a Gaussian beyond five. lenses: a table of calibrations to draw from, else from single/lens_table.py.
 
-    python benchmarks/coverage.py [RIGS [WORLD]] [--lenses ../shared/data/lenses/lenses.csv]
+    python benchmarks/coverage.py [RIGS [WORLD]] [--lenses ../shared/data/lenses/lenses.csv] [--write PAGE.md]
 """
 
 import argparse
 import time
 from collections import defaultdict
+from collections.abc import Mapping, Sequence
 from multiprocessing import Pool
 from pathlib import Path
 
 import numpy as np
 from rich.console import Console
-from rich.table import Table
+from rich.table import Column, Table
 from scipy.stats import chi2
 from simulated import HEIGHT, WIDTH, Simulated
 from worlds import WORLDS, draw, lenses_of, table_lens
@@ -147,6 +148,7 @@ def main() -> None:
     parser.add_argument("rigs", nargs="?", type=int, default=300)
     parser.add_argument("world", nargs="?", choices=list(WORLDS))
     parser.add_argument("--lenses", type=Path)
+    parser.add_argument("--write", type=Path, help="the table as Markdown, for the pages: docs/figures/coverage.md")
     asked = parser.parse_args()
     tasks = [
         (seed, world, asked.lenses) for world in WORLDS if asked.world in (None, world) for seed in range(asked.rigs)
@@ -159,18 +161,30 @@ def main() -> None:
             failed[world] += not found
             for name, values in found.items():
                 gathered[world][name] += values
-    table = Table(title=f"share of 95 % regions that hold the truth, {asked.rigs} rigs of each world")
-    for column in ("world", "focals", "poses", "points", "accuracy, true / claimed", "beyond 5 sigmas", "not placed"):
-        table.add_column(column, justify="left" if column == "world" else "right")
-    for world, found in gathered.items():
-        shares = [_share(found[name]) for name in ("focal", "pose", "point")]
-        every = np.array([q for name in ("focal", "pose", "point") for q in found[name]])
-        far = f"{int((every > _FIVE_SIGMAS).sum())} of {len(every)}"
-        table.add_row(world, *shares, f"{np.nanmedian(found['accuracy']):.2f}", far, str(failed[world]))
+    heads = ["world", "focals", "poses", "points", "accuracy, true / claimed", "beyond 5 sigmas", "not placed"]
+    rows = [_row(world, found, failed[world]) for world, found in gathered.items()]
+    title = f"share of 95 % regions that hold the truth, {asked.rigs} rigs of each world"
+    table = Table(heads[0], *(Column(head, justify="right") for head in heads[1:]), title=title)
+    for row in rows:
+        table.add_row(*row)
     console = Console(width=120)
     console.print(table)
     aims = "aims: 92 to 98 %, accuracy 0.7 to 1.4, at most 3 of 1000 beyond 5 sigmas"
     console.print(f"{time.perf_counter() - began:.0f} s; {aims}")
+    if asked.write:
+        asked.write.write_text(_markdown(title, heads, rows))
+
+
+def _row(world: str, found: Mapping[str, list[float]], failed: int) -> list[str]:
+    shares = [_share(found[name]) for name in ("focal", "pose", "point")]
+    every = np.array([q for name in ("focal", "pose", "point") for q in found[name]])
+    far = f"{int((every > _FIVE_SIGMAS).sum())} of {len(every)}"
+    return [world, *shares, f"{np.nanmedian(found['accuracy']):.2f}", far, str(failed)]
+
+
+def _markdown(title: str, heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    lines = ["| " + " | ".join(row) + " |" for row in (heads, ["---", *["--:"] * (len(heads) - 1)], *rows)]
+    return "\n".join([f"{title[0].upper()}{title[1:]}:", "", *lines, ""])
 
 
 def _share(quantile: list[float]) -> str:

@@ -88,6 +88,11 @@ def _file_table(kinds: tuple[type[Marking], ...]) -> type[_File]:
     return file
 
 
+def file_type() -> type[_File]:
+    """The whole file as a type: its fields are the keys, of markings those of the kinds that there are now."""
+    return _file_table(tuple(marking_kinds().values()))
+
+
 @dataclass(frozen=True, eq=False)
 class CameraConfig:
     """One [[camera]] of rig.toml.
@@ -169,7 +174,7 @@ def parse_config(text: str, name: str = "rig.toml") -> RigConfig:
     """The rig.toml of a text; name: what errors call it, and where files lie that it names. Raises QuadrigError as
     read_config does."""
     text = with_targets_read(text, Path(name).parent, name)
-    root = _file_table(tuple(marking_kinds().values()))
+    root = file_type()
     try:
         tables = msgspec.toml.decode(text, type=root, dec_hook=read_lengths)
     except msgspec.DecodeError as error:
