@@ -12,13 +12,12 @@ import typer
 
 from quadrig.io.batch.calibrate_one import CalibrateOne
 from quadrig.io.config.rig_toml import read_config
-from quadrig.io.rig_file.rig_mcap import read_rig, write_rig
+from quadrig.io.rig_file.rig_mcap import read_rig, refuse_no_rig, write_rig
 from quadrig.io.search.detection_file import detections_beside
 from quadrig.io.search.effort import Effort
 from quadrig.io.search.known_lenses import read_known_lenses
 from quadrig.io.search.whole_recording import Searched, calibrate_searched, refuse_missing, search_recording
 from quadrig.io.verbosity import note, say, timed
-from quadrig.io.whole_file import refuse_no_place
 from quadrig.rig.result import Rig
 from quadrig.single.errors import QuadrigError
 
@@ -64,7 +63,7 @@ def calibrate(
         typer.Option("--each", help="Every RECORDING is a rig of its own; --output is their folder."),
     ] = False,
     dask: Annotated[str | None, typer.Option(help="With --each: a Dask scheduler, tcp://HOST:8786.")] = None,
-    again: Annotated[bool, typer.Option("--again", help="With --each: also those whose results are there.")] = False,
+    again: Annotated[bool, typer.Option("--again", help="With --each: those done before, too.")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="The result as JSON, for programs.")] = False,
 ) -> None:
     """Calibrate the cameras of a recording.
@@ -109,9 +108,10 @@ def calibrate(
         )
         _calibrate_each(recording, output, calibrate_one, workers, dask, again)
         return
-    if dask is not None:
-        raise QuadrigError("--dask is for many recordings; give them with --each")
-    refuse_no_place(output)
+    if dask is not None or again:
+        option = "--dask" if dask is not None else "--again"
+        raise QuadrigError(f"{option} is for many recordings; give them with --each")
+    refuse_no_rig(output)
     if not no_cache:
         cache = cache or detections_beside(output)
     earlier = read_rig(before) if before is not None else None

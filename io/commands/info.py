@@ -9,7 +9,6 @@ import typer
 from quadrig.io.formats.rig_json import json_text, rig_values
 from quadrig.io.recording.camera import RecordedCamera
 from quadrig.io.recording.framesets import CameraReport, Framesets, build_framesets
-from quadrig.io.recording.messages.mcap_reader import index_mcap, is_mcap
 from quadrig.io.recording.recorded_cameras import Recording, open_recording
 from quadrig.io.report.terminal import console, print_sentence, print_table
 from quadrig.rig.words import Column
@@ -30,7 +29,9 @@ def info(
     try:
         opened = open_recording(recording)
     except QuadrigError:
-        if len(recording) == 1 and _is_rig(recording[0]):
+        from quadrig.io.rig_file.rig_mcap import is_rig_file
+
+        if len(recording) == 1 and is_rig_file(recording[0]):
             _print_rig(recording[0], as_json)
             return
         raise
@@ -39,12 +40,6 @@ def info(
         print(json_text(_as_json(opened, framesets)))
         return
     _print(opened, framesets)
-
-
-def _is_rig(path: Path) -> bool:
-    from quadrig.io.rig_file.rig_mcap import RIG_TOPIC
-
-    return path.is_file() and is_mcap(path) and any(one.topic == RIG_TOPIC for one in index_mcap(path).topics)
 
 
 def _print_rig(path: Path, as_json: bool) -> None:

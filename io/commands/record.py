@@ -43,9 +43,7 @@ def record(
     seconds: Annotated[
         float | None, typer.Option(min=0.0, help="Record live cameras so long; else until Enter or Ctrl-C.")
     ] = None,
-    overwrite: Annotated[
-        bool, typer.Option("--overwrite", help="Record live cameras over a recording that is there.")
-    ] = False,
+    again: Annotated[bool, typer.Option("--again", help="Record again over a recording that is there.")] = False,
     camera: Annotated[
         list[str] | None,
         typer.Option(
@@ -74,17 +72,20 @@ def record(
     rig record cam0.mp4 cam1.mp4 -o room.mcap;
     rig record --camera left='left*.jpg' --camera right='right*.jpg' -o stereo.mcap
     """
+    refuse_no_place(output)
+    if output.exists() and not again:
+        raise QuadrigError(f"{output} is there already; name another with -o, or record over it with --again")
     texts = [*(inputs or []), *(camera or [])]
     if any(_is_live(text) for text in texts):
         if messages != "foxglove":
             raise QuadrigError("live cameras are recorded with --format foxglove; turn the recording into ros2 later")
-        _record_live(named_sources(texts, RigConfig(()), Path()), output, seconds, overwrite)
+        _record_live(named_sources(texts, RigConfig(()), Path()), output, seconds)
         return
     if not texts:
         described = read_config(config)
         sources = named_sources([], described, config.parent)
         if any(spec.live for spec in sources.values()):
-            _record_live(sources, output, seconds, overwrite, {"rig.toml": described.text.encode()})
+            _record_live(sources, output, seconds, {"rig.toml": described.text.encode()})
             return
         camera = [f"{name}={spec.address}" for name, spec in sources.items()]
     _convert(inputs or [], camera or [], output, timestamps, rate, messages, images, quality)
@@ -100,15 +101,11 @@ def _record_live(
     sources: dict[str, SourceSpec],
     output: Path,
     seconds: float | None,
-    overwrite: bool,
     attachments: dict[str, bytes] | None = None,
 ) -> None:
     files = [name for name, spec in sources.items() if not spec.live]
     if files:
         raise QuadrigError(f"{files[0]!r} is a file and others are live cameras; record them one after the other")
-    refuse_no_place(output)
-    if output.exists() and not overwrite:
-        raise QuadrigError(f"{output} is there already; name another with -o, or record over it with --overwrite")
     done = record_sources(sources, output, _stop(seconds), _Lines().show, attachments)
     for one in done.sources:
         size = f"{one.width}x{one.height}, {one.frames / max(done.seconds, 1e-9):.1f} a second"

@@ -14,7 +14,7 @@ from quadrig.io.live.display import Screen
 from quadrig.io.live.plan import SetupPlan, SetupResult
 from quadrig.io.live.session import run_setup
 from quadrig.io.live.terminal import enter_pressed
-from quadrig.io.rig_file.rig_mcap import write_rig
+from quadrig.io.rig_file.rig_mcap import refuse_no_rig, write_rig
 from quadrig.io.verbosity import say
 from quadrig.rig.coach.advice import good_for
 from quadrig.rig.doubt.weaknesses import clocks_apart
@@ -38,9 +38,7 @@ def setup(
     output: Annotated[Path, typer.Option("--output", "-o", help="The rig to write.")] = Path("rig.mcap"),
     until: Annotated[str, typer.Option(help="Stop at this accuracy, such as 1mm.", metavar="LENGTH")] = "",
     resume: Annotated[bool, typer.Option("--resume", help="Go on from the recording that is there.")] = False,
-    overwrite: Annotated[
-        bool, typer.Option("--overwrite", help="Start again over a recording that is there.")
-    ] = False,
+    again: Annotated[bool, typer.Option("--again", help="Start again over a recording that is there.")] = False,
     web: Annotated[bool, typer.Option("--web", help="Show it in a browser, at 127.0.0.1.")] = False,
     no_viewer: Annotated[bool, typer.Option("--no-viewer", help="Show it on the terminal only.")] = False,
     save: Annotated[Path | None, typer.Option(help="Write what the viewer shows to an .rrd instead.")] = None,
@@ -61,7 +59,8 @@ def setup(
     wanted = read_length(until, _BARE_ACCURACY) if until else None
     rig_config = read_config(config)
     cameras = named_sources(sources or [], rig_config, config.parent)
-    recording, earlier = _recordings(output, resume, overwrite)
+    refuse_no_rig(output)
+    recording, earlier = _recordings(output, resume, again)
     pace: Pace = "consumed" if fast else "real time"
     plan = SetupPlan(rig_config, cameras, recording, wanted, pace, earlier, tolerance)
     result = _run(plan, web, no_viewer, save)
@@ -81,7 +80,7 @@ def _write_report(output: Path) -> None:
     write_text(output.with_suffix(".html"), report_html(read_rig_file(output), output.name))
 
 
-def _recordings(output: Path, resume: bool, overwrite: bool) -> tuple[Path, tuple[Path, ...]]:
+def _recordings(output: Path, resume: bool, again: bool) -> tuple[Path, tuple[Path, ...]]:
     """The recording to write, and those to go on from. Raises QuadrigError where one would be lost."""
     first = output.with_name(f"{output.stem}-recording.mcap")
     parts = sorted(output.parent.glob(f"{output.stem}-recording-[0-9]*.mcap"), key=_part)
@@ -90,9 +89,9 @@ def _recordings(output: Path, resume: bool, overwrite: bool) -> tuple[Path, tupl
         if not earlier:
             raise QuadrigError(f"{first}: there is no recording to go on from; leave --resume out")
         return output.with_name(f"{output.stem}-recording-{_part(earlier[-1]) + 1}.mcap"), earlier
-    if earlier and not overwrite:
+    if earlier and not again:
         raise QuadrigError(
-            f"{earlier[0]} is there already; go on from it with --resume, or start again with --overwrite"
+            f"{earlier[0]} is there already; go on from it with --resume, or start again over it with --again"
         )
     for path in earlier:
         path.unlink()

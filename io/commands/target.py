@@ -6,7 +6,8 @@ from typing import Annotated
 
 import typer
 
-from quadrig.io.config.rig_toml import RigConfig, config_text, read_config
+from quadrig.io.config.edit_toml import with_rectangles
+from quadrig.io.config.rig_toml import read_config
 from quadrig.io.sheet.layout import (
     Paper,
     largest_step,
@@ -152,7 +153,7 @@ def _board_marking(kind: Kind, columns: int, rows: int, step: float, ids: str, d
 
 
 def _put_into(path: Path, rectangles: list[Rectangle]) -> None:
-    """Add the rectangles to a rig.toml; those of the same names are replaced, and the file then written again."""
+    """Put the rectangles into a rig.toml, those of the same names in their place; all else stays as it is."""
     if not path.exists():
         write_text(path, target_toml(rectangles))
         return
@@ -160,7 +161,4 @@ def _put_into(path: Path, rectangles: list[Rectangle]) -> None:
     new = {rectangle.name: rectangle for rectangle in rectangles}
     kept = [new.pop(rectangle.name, rectangle) for rectangle in config.rectangles]
     check_rectangles([*kept, *new.values()])
-    if len(new) == len(rectangles):
-        write_text(path, config.text.rstrip() + "\n\n" + target_toml(rectangles))
-    else:
-        write_text(path, config_text(RigConfig((*kept, *new.values()), config.cameras, config.reference)))
+    write_text(path, with_rectangles(config.text, rectangles))

@@ -7,6 +7,7 @@ outline as foxglove.PointCloud, so that viewers that know no rectangle draw it t
 """
 
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,7 @@ import msgspec
 import numpy as np
 
 from quadrig.io.drawing.geometry import dense_outline
+from quadrig.io.recording.messages.mcap_reader import index_mcap, is_mcap
 from quadrig.io.rig_file.record import (
     RECORD_FORMAT,
     FitRecord,
@@ -26,7 +28,7 @@ from quadrig.io.rig_file.record import (
 )
 from quadrig.io.topic_writer import TopicWriter
 from quadrig.io.version import __version__
-from quadrig.io.whole_file import written_beside
+from quadrig.io.whole_file import refuse_no_place, written_beside
 from quadrig.rig.result import Camera, PlacedRectangle, Rig, ViewFit
 from quadrig.single.errors import QuadrigError
 from quadrig.single.pose import Pose
@@ -52,6 +54,21 @@ class RigFile:
     recordings: tuple[str, ...] = ()
 
 
+def is_rig_file(path: Path) -> bool:
+    """Whether a file is an MCAP with a Rig in it. Raises QuadrigError where it is an MCAP that cannot be read."""
+    return path.is_file() and is_mcap(path) and any(one.topic == RIG_TOPIC for one in index_mcap(path).topics)
+
+
+def refuse_no_rig(path: Path) -> None:
+    """Raises QuadrigError where no rig may be written: as refuse_no_place does, and over a recording. A result can be
+    made again; what a camera saw cannot."""
+    refuse_no_place(path)
+    with suppress(OSError, QuadrigError):
+        if not path.exists() or not is_mcap(path) or is_rig_file(path):
+            return
+    raise QuadrigError(f"{path} is there, and is no rig but a recording; name another file with -o")
+
+
 def write_rig(
     path: Path | str,
     rig: Rig,
@@ -63,8 +80,9 @@ def write_rig(
 
     config_text: the rig.toml as the user wrote it. times: ns since 1970 of each frameset, by index; one microsecond
     apart from zero where not given. recordings: what it was made from; the names are kept, without their folders.
-    Raises QuadrigError where the file cannot be written.
+    Raises QuadrigError where the file cannot be written, as refuse_no_rig does too.
     """
+    refuse_no_rig(Path(path))
     known = tuple(int(time) for time in times)
     times = known or _invented_times(rig)
     first = min(times, default=0)

@@ -199,7 +199,7 @@ def test_live_cameras_are_recorded_as_they_come(tmp_path, served, capsys):
         # What was recorded is not recorded over without being asked.
         assert run(["record", f"left={left}", "--seconds", "1", "-o", str(room)]) == 1
         assert "is there already" in capsys.readouterr().err
-        assert run(["record", f"left={left}", "--seconds", "1", "--overwrite", "-o", str(room)]) == 0
+        assert run(["record", f"left={left}", "--seconds", "1", "--again", "-o", str(room)]) == 0
         assert [camera.name for camera in open_recording([room]).cameras] == ["left"]
 
 

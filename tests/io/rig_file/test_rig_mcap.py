@@ -38,6 +38,24 @@ def rig_path(example_rig, example_config, tmp_path_factory):
     return path
 
 
+def test_a_rig_is_written_over_a_rig_and_never_over_a_recording(tmp_path, example_rig):
+    from quadrig.io.recording.convert import image_writer
+
+    path = tmp_path / "room.mcap"
+    with path.open("wb") as stream:
+        write, finish = image_writer(stream, "foxglove")
+        write("cam0", 1, "jpeg", b"picture")
+        finish()
+    before = path.read_bytes()
+    for there in (before, before[: len(before) // 2]):
+        path.write_bytes(there)
+        with pytest.raises(QuadrigError, match="no rig but a recording"):
+            write_rig(path, example_rig)
+        assert path.read_bytes() == there
+    for _ in range(2):
+        write_rig(tmp_path / "rig.mcap", example_rig)
+
+
 def test_the_record_comes_back_to_the_last_bit(rig_path, example_rig, example_config):
     held = read_rig_file(rig_path)
     assert_same(held.rig, example_rig)
