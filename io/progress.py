@@ -4,6 +4,7 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
+from quadrig.io.plain_words import console
 from quadrig.io.verbosity import is_quiet, timed
 
 Advance = Callable[[int], None]
@@ -24,12 +25,11 @@ def progress_bar(stage: str, total: int, unit: str = "frames", quiet: bool = Fal
         with timed(f"{stage}: {total} {unit}"):
             yield _say_nothing
         return
-    from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
     rate = _rate_column(unit)
     columns = (TextColumn("{task.description:<10}"), BarColumn(), MofNCompleteColumn(), rate, TimeRemainingColumn())
-    with Progress(*columns, console=Console(stderr=True)) as bar:
+    with Progress(*columns, console=console(stderr=True)) as bar:
         task = bar.add_task(stage, total=total)
         yield lambda done: bar.advance(task, done)
 

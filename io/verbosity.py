@@ -6,6 +6,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from enum import IntEnum
 
+from quadrig.io.plain_words import one_line, plain
+
 
 class Verbosity(IntEnum):
     """How much is said: errors alone, notes and progress too, and in detail."""
@@ -31,12 +33,12 @@ def is_quiet() -> bool:
 def say(sentence: str) -> None:
     """Unless quiet."""
     if not is_quiet():
-        print(sentence, file=sys.stderr, flush=True)
+        print(plain(sentence), file=sys.stderr, flush=True)
 
 
 def note(sentence: str) -> None:
     """What a person should know of the result, unless quiet."""
-    say(f"note: {sentence}")
+    say(f"note: {one_line(sentence)}")
 
 
 def detail(sentence: str) -> None:

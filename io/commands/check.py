@@ -11,6 +11,7 @@ import typer
 from quadrig.io.config.rig_toml import read_config
 from quadrig.io.formats.any_file import read_any_rig
 from quadrig.io.formats.rig_json import json_text
+from quadrig.io.plain_words import console
 from quadrig.io.recording.messages.mcap_reader import is_mcap
 from quadrig.io.rig_file.rig_mcap import RigFile, read_rig_file
 from quadrig.io.search.later_recording import views_of
@@ -64,7 +65,7 @@ def check(
 
 
 def _print(moves: Sequence[CameraMove]) -> None:
-    from quadrig.io.report.terminal import console, print_sentence
+    from quadrig.io.report.terminal import print_sentence
 
     where = console()
     for move in moves:

@@ -71,7 +71,8 @@ def summary(found: Comparison) -> list[str]:
 
 
 def _print(found: Comparison) -> None:
-    from quadrig.io.report.terminal import console, print_sentence, print_table
+    from quadrig.io.plain_words import console
+    from quadrig.io.report.terminal import print_sentence, print_table
 
     where = console()
     styles = ["bold red" if one.chance < _UNLIKELY else None for one in found.cameras]

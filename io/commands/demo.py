@@ -13,8 +13,9 @@ from quadrig.io.config.rig_toml import read_config, write_config
 from quadrig.io.demo.rendered_recording import demo_config, write_demo_recording
 from quadrig.io.demo.scene import Scene, demo_scene
 from quadrig.io.demo.truth import TruthCheck, all_within, compare_with_truth
+from quadrig.io.plain_words import console
 from quadrig.io.report.table import print_rig
-from quadrig.io.report.terminal import console, print_sentence, print_table
+from quadrig.io.report.terminal import print_sentence, print_table
 from quadrig.io.rig_file.rig_mcap import read_rig_file, write_rig
 from quadrig.io.search.effort import Effort
 from quadrig.io.search.whole_recording import calibrate_searched, refuse_missing, search_recording

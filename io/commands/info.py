@@ -7,10 +7,11 @@ from typing import Annotated, Any
 import typer
 
 from quadrig.io.formats.rig_json import json_text, rig_values
+from quadrig.io.plain_words import console
 from quadrig.io.recording.camera import RecordedCamera
 from quadrig.io.recording.framesets import CameraReport, Framesets, build_framesets
 from quadrig.io.recording.recorded_cameras import Recording, open_recording
-from quadrig.io.report.terminal import console, print_sentence, print_table
+from quadrig.io.report.terminal import print_sentence, print_table
 from quadrig.rig.words import Column
 from quadrig.single.errors import QuadrigError
 

@@ -11,6 +11,7 @@ from typing import Annotated, Any
 
 import typer
 
+from quadrig.io.plain_words import one_line, plain_output, silence_libraries
 from quadrig.io.verbosity import Verbosity, choose_verbosity
 from quadrig.single.errors import QuadrigError
 
@@ -46,6 +47,8 @@ _INTERRUPTED = 130
 
 def main() -> None:
     """The entry point of `rig`: runs a command and exits with its code, never with a traceback."""
+    if os.environ.get("RIG_TRACEBACK") != "1":
+        silence_libraries()
     sys.exit(run(sys.argv[1:]))
 
 
@@ -57,6 +60,11 @@ def run(arguments: Sequence[str]) -> int:
     wanted = _command_of(arguments, os.environ)
     _follow_colour_habits(os.environ)
     choose_verbosity(Verbosity.USUAL)
+    with plain_output():
+        return _run(arguments, wanted)
+
+
+def _run(arguments: Sequence[str], wanted: str) -> int:
     try:
         _application(wanted)(list(arguments), prog_name="rig")
     except SystemExit as leaving:
@@ -176,4 +184,4 @@ def _sentence(error: Exception, command: str) -> str:
 
 
 def _say(sentence: str) -> None:
-    print("rig: " + " ".join(sentence.split()), file=sys.stderr)
+    print(f"rig: {one_line(sentence)}", file=sys.stderr)

@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable
 
 from quadrig.io.live.state import SetupState
+from quadrig.io.plain_words import console, plain
 from quadrig.rig.words import length
 
 # A terminal is drawn this often (s): quicker than reading, far slower than the frames.
@@ -23,7 +24,7 @@ class PlainScreen:
         if state.sentence != self._said:
             self._said = state.sentence
             note = f" ({state.note})" if state.note else ""
-            print(f"{state.sentence}{note}", file=sys.stderr, flush=True)
+            print(plain(f"{state.sentence}{note}"), file=sys.stderr, flush=True)
 
     def close(self) -> None:
         """Nothing is left open."""
@@ -33,10 +34,9 @@ class TerminalScreen:
     """Draws the session in place on stderr."""
 
     def __init__(self) -> None:
-        from rich.console import Console
         from rich.live import Live
 
-        self._live = Live(console=Console(stderr=True), auto_refresh=False, transient=True)
+        self._live = Live(console=console(stderr=True), auto_refresh=False, transient=True)
         self._live.start()
         self._drawn = 0.0
 

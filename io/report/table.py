@@ -5,7 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 from rich.console import Console
 
-from quadrig.io.report.terminal import console, print_sentence, print_table
+from quadrig.io.plain_words import console
+from quadrig.io.report.terminal import print_sentence, print_table
 from quadrig.rig.doubt.lens_accuracy import lens_accuracy
 from quadrig.rig.doubt.verdict import verdict
 from quadrig.rig.doubt.weaknesses import coverage

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from rich.console import Console
 
 from quadrig.io.drawing.tables import text_table
+from quadrig.io.plain_words import one_line
 from quadrig.rig.words import Column
 
 # Sentences that are broken into lines are harder to read in wide ones.
@@ -14,13 +15,9 @@ _WIDEST_SENTENCE = 110
 _BEFORE_UNIT = re.compile(r"(?<=\d) (?=(?:mm|m|ms|s|px|%)(?!\w))")
 
 
-def console() -> Console:
-    """stdout, as wide as the terminal; in a file or pipe as wide as COLUMNS says, else 80."""
-    return Console(highlight=False)
-
-
 def print_sentence(sentence: str, where: Console, mark: str = "", style: str | None = None) -> None:
     """A sentence, behind its mark: on a terminal broken between words, in a file or pipe one line."""
+    sentence = one_line(sentence)
     lines = [mark + sentence]
     if where.is_terminal:
         width = min(where.width, _WIDEST_SENTENCE)
