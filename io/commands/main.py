@@ -17,6 +17,7 @@ from quadrig.single.errors import QuadrigError
 
 COMMANDS = {
     "demo": "Render a room with four cameras, calibrate them, and compare with the truth.",
+    "init": "Look which sheets a recording shows, and write the rig.toml that describes them.",
     "setup": "Calibrate live cameras, coached.",
     "record": "Record cameras, videos or folders of pictures into an MCAP recording.",
     "pick": "Point at corners of rectangles in pictures, in the browser.",

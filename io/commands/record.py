@@ -1,6 +1,5 @@
 """`rig record`: live cameras, or videos and folders of images, into one MCAP recording."""
 
-import re
 import sys
 import time
 from collections.abc import Callable, Sequence
@@ -11,7 +10,7 @@ from typing import Annotated
 import typer
 
 from quadrig.io.config.rig_toml import RigConfig, read_config
-from quadrig.io.live.capture.chosen_sources import named_sources
+from quadrig.io.live.capture.chosen_sources import is_live, named_sources
 from quadrig.io.live.capture.source import SourceState
 from quadrig.io.live.capture.source_spec import SourceSpec
 from quadrig.io.live.record.record_sources import record_sources
@@ -76,7 +75,7 @@ def record(
     if output.exists() and not again:
         raise QuadrigError(f"{output} is there already; name another with -o, or record over it with --again")
     texts = [*(inputs or []), *(camera or [])]
-    if any(_is_live(text) for text in texts):
+    if any(map(is_live, texts)):
         if messages != "foxglove":
             raise QuadrigError("live cameras are recorded with --format foxglove; turn the recording into ros2 later")
         _record_live(named_sources(texts, RigConfig(()), Path()), output, seconds)
@@ -89,12 +88,6 @@ def record(
             return
         camera = [f"{name}={spec.address}" for name, spec in sources.items()]
     _convert(inputs or [], camera or [], output, timestamps, rate, messages, images, quality)
-
-
-def _is_live(text: str) -> bool:
-    """Whether a source is a live one, and not a file or folder."""
-    source = re.sub(r"^[A-Za-z0-9_.-]+=", "", text)
-    return source.isdigit() or source.startswith(("/dev/", "watch:")) or "://" in source
 
 
 def _record_live(

@@ -91,7 +91,8 @@ class CharucoMarking(TaggedMarking, BoardMarking):
         ]
 
     def scaled(self, scale: float, /) -> Self:
-        return replace(super().scaled(scale), marker=round(self.marker * scale, 6))
+        # Both at once: a tag that is still to be scaled may not fit into its square.
+        return replace(self, square=round(self.square * scale, 6), marker=round(self.marker * scale, 6))
 
     def patches(self, _rectangle: Rectangle, sheet: Patch, /) -> list[Patch]:
         patches = [sheet, *self.ink_patches(first_ink=int(self.starts_with_tag))]

@@ -29,6 +29,12 @@ def named_sources(texts: list[str], config: RigConfig, folder: Path) -> dict[str
     return sources
 
 
+def is_live(text: str) -> bool:
+    """Whether a source of the command line is a live one, and not a file or folder."""
+    source = re.sub(r"^[A-Za-z0-9_.-]+=", "", text)
+    return source.isdigit() or source.startswith(("/dev/", "watch:")) or "://" in source
+
+
 def _named(text: str, index: int) -> tuple[str, str]:
     """A name and a source; the name of a file or folder is its own, of anything else cam and its number."""
     match = re.fullmatch(r"([A-Za-z0-9_.-]+)=(.+)", text)

@@ -128,6 +128,18 @@ def test_the_completion_of_a_shell_can_be_installed(tmp_path: Path) -> None:
     assert not list(tmp_path.iterdir())
 
 
+def test_init_describes_what_is_in_sight_so_that_it_can_be_calibrated(pictures: Path, tmp_path: Path) -> None:
+    folders = [pictures / "left", pictures / "right"]
+    done = rig("init", *folders, "--size", "20cm", "--moving", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    (found,) = read_config(tmp_path / "rig.toml").rectangles
+    assert (found.width, found.moving, found.marking) == (DESK.width, True, DESK.marking)
+    assert rig("calibrate", *folders, "-q", cwd=tmp_path).returncode == 0
+    assert_one_sentence(rig("init", *folders, "--size", "20cm", cwd=tmp_path), "there already", "--again")
+    assert_one_sentence(rig("init", folders[0], "--print", cwd=tmp_path), "--size")
+    assert_one_sentence(rig("init", "--print"), "SOURCE")
+
+
 def test_quiet_says_results_alone_and_verbose_how_they_came(pictures: Path, tmp_path: Path) -> None:
     folders = [pictures / name for name in ("left", "right")]
     arguments = ["calibrate", *folders, "-c", pictures / "rig.toml", "-o", tmp_path / "rig.mcap", "--no-cache"]
