@@ -38,7 +38,7 @@ def length(metres: float) -> str:
     if not np.isfinite(metres):
         return "unknown"
     if abs(metres) < 1e-3:
-        return f"{1e3 * metres:.2g} mm"
+        return f"{1e3 * metres:#.2g} mm"
     return f"{1e3 * metres:.1f} mm" if abs(metres) < 0.1 else f"{metres:.2f} m"
 
 

@@ -24,7 +24,7 @@ def compare(
     second: Annotated[Path, typer.Argument(help="Another of the same cameras.", metavar="B")],
     save: Annotated[Path | None, typer.Option(help="Write both, aligned, to an .rrd file for rerun.")] = None,
     web: Annotated[bool, typer.Option("--web", help="Serve that to a browser on this machine.")] = False,
-    screenshot: Annotated[Path | None, typer.Option(help="Write a .png picture of that; needs no screen.")] = None,
+    screenshot: Annotated[Path | None, typer.Option(help="Write a .png or .jpg of that; needs no screen.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="The differences as JSON.")] = False,
 ) -> None:
     """Compare two calibrations of one rig: aligned, with each difference beside its sigma.

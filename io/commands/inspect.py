@@ -20,7 +20,7 @@ def inspect(
     ] = None,
     save: Annotated[Path | None, typer.Option(help="Write an .rrd file instead of opening a window.")] = None,
     web: Annotated[bool, typer.Option("--web", help="Serve it to a browser on this machine.")] = False,
-    screenshot: Annotated[Path | None, typer.Option(help="Write a .png picture; needs no screen.")] = None,
+    screenshot: Annotated[Path | None, typer.Option(help="Write a .png or .jpg picture; needs no screen.")] = None,
 ) -> None:
     """Look at a rig in rerun: cameras, rectangles and their doubt, pictures, residuals, and a verdict in words.
 

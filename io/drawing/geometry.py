@@ -146,3 +146,22 @@ def rises(anchors: Floats, names: Sequence[str], letter: float, margin: float, l
             found[index] += line / 2
         taken.append((x, y + found[index], half))
     return found
+
+
+def beside(boxes: Floats, sizes: Floats, room: tuple[float, float], gap: float) -> Floats:
+    """Top middles (N, 2) of names of these sizes (N, 2), below, above, right or left of boxes (N, 4: x0 y0 x1 y1, y
+    downwards), on no box and on no other name, inside a picture; nan where a name finds no room."""
+    taken = list(boxes)
+    found = np.full((len(boxes), 2), np.nan)
+    for index, (box, (wide, high)) in enumerate(zip(boxes, sizes, strict=True)):
+        x, y = (box[0] + box[2]) / 2, (box[1] + box[3] - high) / 2
+        places = [(x, box[3] + gap), (x, box[1] - gap - high)]
+        places += [(box[2] + gap + wide / 2, y), (box[0] - gap - wide / 2, y)]
+        for place in places:
+            own = np.array([place[0] - wide / 2, place[1], place[0] + wide / 2, place[1] + high])
+            inside = own.min() >= 0 and own[2] <= room[0] and own[3] <= room[1]
+            if inside and not any((own[:2] < other[2:]).all() and (other[:2] < own[2:]).all() for other in taken):
+                taken.append(own)
+                found[index] = place
+                break
+    return found

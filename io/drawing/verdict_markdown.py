@@ -12,7 +12,7 @@ _MARK = {"good": "✔", "with care": "▲", "not yet": "✘"}
 def verdict_markdown(rig: Rig) -> str:
     """Headline, the cameras as a table, what is weak and what to do, and what is good, in Markdown."""
     judged = verdict(rig)
-    lines = [f"## {_MARK[judged.grade]} {judged.headline}", "", *([judged.holds, ""] if judged.holds else [])]
+    lines = [f"### {_MARK[judged.grade]} {judged.headline}", "", *([judged.holds, ""] if judged.holds else [])]
     # The table stands before the lists: however long they are, it is in view.
     lines += [*markdown_table(camera_columns(rig)), "", ONE_SIGMA, ""]
     lines += _listed("What is weak, and what to do", judged.weak) if judged.weak else ["Nothing is weak.", ""]

@@ -3,6 +3,7 @@
 import time
 from collections.abc import Callable
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 from quadrig.io.viewer.process import Viewer, ends_with_us
@@ -10,6 +11,8 @@ from quadrig.io.whole_file import written_beside
 from quadrig.single.errors import QuadrigError
 
 _SIZE = "1600x1000"
+# Names and thin lines stay clean.
+_JPEG_QUALITY = 88
 # A software renderer on a busy machine opens within half a minute; a graphics card in two seconds.
 _OPENING_SECONDS = 60.0
 # The viewer greets with notes in a corner, over the picture, for some seconds of frames drawn.
@@ -17,19 +20,35 @@ _NOTES_SECONDS = 14.0
 _SETTLED_SECONDS = 60.0
 
 
-def take_screenshot(send: Callable[[str], None], png: Path) -> None:
-    """A picture (.png) of what `send` logs to the gRPC address it is given, as the viewer lays it out.
+def take_screenshot(send: Callable[[str], None], picture: Path) -> None:
+    """A picture (.png or .jpg) of what `send` logs to the gRPC address it is given, as the viewer lays it out.
 
-    Raises QuadrigError where the viewer cannot draw here.
+    Raises QuadrigError where the viewer cannot draw here, and where the name ends in neither.
     """
-    with written_beside(png) as beside, ends_with_us(_headless()) as viewer:
+    kind = picture.suffix.lower()
+    if kind not in (".png", ".jpg", ".jpeg"):
+        raise QuadrigError(f"{picture}: pictures of the viewer are .png or .jpg; give such a name")
+    with written_beside(picture) as beside, TemporaryDirectory() as folder:
+        png = Path(folder) / "picture.png"
+        _draw(send, png)
+        beside.write_bytes(png.read_bytes() if kind == ".png" else _jpeg(png))
+
+
+def _jpeg(png: Path) -> bytes:
+    import cv2
+
+    return cv2.imencode(".jpg", cv2.imread(str(png)), [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])[1].tobytes()
+
+
+def _draw(send: Callable[[str], None], png: Path) -> None:
+    with ends_with_us(_headless()) as viewer:
         client = _connect(viewer)
         try:
             send(viewer.address)
         except RuntimeError:
             # A viewer that listens and then finds nothing to draw with breaks off while it is sent to.
             raise QuadrigError(_CANNOT) from None
-        _settle(client, beside)
+        _settle(client, png)
 
 
 _CANNOT = (

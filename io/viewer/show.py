@@ -1,6 +1,7 @@
 """Ways to show something in rerun, the same for every command: a file, a picture, a page for a browser, a window."""
 
 import contextlib
+import copy
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -70,8 +71,14 @@ def _serve(shown: Shown) -> None:
 
 
 def _send(shown: Shown, address: str, one_look: bool = False) -> None:
-    stream = _stream()
-    stream.connect_grpc(address, default_blueprint=shown.blueprint)
+    import rerun.blueprint as rrb
+
+    stream, blueprint = _stream(), shown.blueprint
+    if one_look:
+        # A picture needs no menu, nor what the viewer says of the machine that drew it.
+        blueprint = copy.copy(blueprint)
+        blueprint.top_panel = rrb.TopPanel(state="hidden")
+    stream.connect_grpc(address, default_blueprint=blueprint)
     _log(shown, stream, one_look)
 
 

@@ -180,7 +180,11 @@ def _unplaced(situation: Situation) -> Advice:
     rig = situation.rig
     placed = {camera.name for camera in rig.cameras} if rig else set()
     lost = next((camera for camera in situation.cameras if camera not in placed), situation.cameras[0])
-    return Advice("tilt", f"{lost}: tilt the sheet more, and hold it where another camera sees it too", (lost,))
+    others = [camera for camera in situation.cameras if camera != lost]
+    _, other = _likeliest(
+        situation, [(lost, one) for one in others if one in placed] or [(lost, one) for one in others]
+    )
+    return Advice("tilt", f"tilt the sheet more, where {lost} and {other} both see it", (lost, other))
 
 
 def best_placement(situation: Situation, rig: Rig) -> Advice | None:

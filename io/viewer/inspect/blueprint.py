@@ -25,7 +25,7 @@ def rig_blueprint(rig: Rig) -> rrb.Blueprint:
         )
         for camera in rig.cameras
     ]
-    columns = _columns(len(pictures))
+    columns = picture_columns(len(pictures))
     residuals = rrb.Tabs(
         rrb.Grid(*fields, grid_columns=columns, name=f"residuals, {arrow_scale(rig):.0f} times longer, and coverage"),
         rrb.Grid(*histograms, grid_columns=columns, name="histograms"),
@@ -34,7 +34,7 @@ def rig_blueprint(rig: Rig) -> rrb.Blueprint:
     return rrb.Blueprint(
         rrb.Horizontal(
             rrb.Vertical(space_view(rig), rrb.Grid(*pictures, grid_columns=columns), row_shares=[3, 2]),
-            rrb.Vertical(verdict, graph_view(rig), residuals, row_shares=[9, 4, 7]),
+            rrb.Vertical(verdict, graph_view(rig), residuals, row_shares=[10, 4, 7]),
             column_shares=[5, 4],
         ),
         rrb.TimePanel(state="collapsed", timeline="frameset"),
@@ -80,6 +80,6 @@ def _floor(rig: Rig, up: Floats) -> rrb.LineGrid3D:
     )
 
 
-def _columns(count: int) -> int:
+def picture_columns(count: int) -> int:
     """Columns of a grid in which wide pictures are as large as can be, in a space more than twice as wide as high."""
     return max(round(float(np.sqrt(4 / 3 * count))), 1)

@@ -44,14 +44,14 @@ def graph_view(rig: Rig) -> rrb.Spatial2DView:
     return rrb.Spatial2DView(origin="graph", name="who saw what", visual_bounds=bounds)
 
 
-# The graph is so much wider than high. A letter of a name takes so much of its height, and the viewer writes names
-# so far below their points.
-_WIDE, _LETTER, _RAISED = 2.4, 0.034, 0.055
+# The graph is so much wider than high. In the first look a letter of a name takes so much of its height, what is
+# around a name and between it and its dot as much as that, and a name stands so far below its point.
+_WIDE, _LETTER, _AROUND, _RAISED = 2.4, 0.042, 0.25, 0.055
 
 
 def _longest(names: Iterable[str]) -> float:
     """Half of the width of the longest name and its margin."""
-    return (max(map(len, names), default=0) * _LETTER + 0.16) / 2
+    return (max(map(len, names), default=0) * _LETTER + _AROUND) / 2
 
 
 def _log_nodes(

@@ -5,12 +5,18 @@ from collections.abc import Sequence
 import numpy as np
 import rerun as rr
 
-from quadrig.io.drawing.geometry import rises
+from quadrig.io.drawing.geometry import beside
 from quadrig.io.drawing.palette import FAULT, FOUND, PREDICTED, Colour
 from quadrig.io.drawing.rig_figures import arrow_scale, predicted_outline, residual_arrows
+from quadrig.io.viewer.inspect.blueprint import picture_columns
 from quadrig.io.viewer.inspect.timeline import set_frameset
 from quadrig.rig.result import Camera, Rig, ViewFit
 from quadrig.single.arrays import Floats
+
+# Of a name as the viewer writes it, in points: a letter, what is around the word, its height, the gap to its sheet.
+_LETTER, _AROUND, _LINE, _GAP = 6.2, 10.0, 20.0, 4.0
+# How wide (points) a picture is where two stand side by side in a first look; more of them are as much smaller.
+_PICTURE = 270.0
 
 
 def log_picture_marks(
@@ -22,29 +28,29 @@ def log_picture_marks(
         frame = [[0, 0], [lens.width, 0], [lens.width, lens.height], [0, lens.height], [0, 0]]
         edge = rr.LineStrips2D([frame], colors=[colours[camera.name]], radii=rr.Radius.ui_points(1))
         recording.log(f"space/cameras/{camera.name}/marks/frame", edge, static=True)
-    scale = arrow_scale(rig)
     by_instant: dict[tuple[int, str], list[ViewFit]] = {}
     for fit in rig.fits:
         by_instant.setdefault((fit.view.frameset, fit.view.camera), []).append(fit)
     for frameset in sorted({fit.view.frameset for fit in rig.fits}):
         set_frameset(recording, frameset, times)
         for camera in rig.cameras:
-            _log_marks(recording, rig, camera, scale, by_instant.get((frameset, camera.name), []))
+            _log_marks(recording, rig, camera, by_instant.get((frameset, camera.name), []))
     recording.reset_time()
 
 
-def _log_marks(recording: rr.RecordingStream, rig: Rig, camera: Camera, scale: float, fits: list[ViewFit]) -> None:
+def _log_marks(recording: rr.RecordingStream, rig: Rig, camera: Camera, fits: list[ViewFit]) -> None:
     path = f"space/cameras/{camera.name}/marks"
     for part in ("found", "residuals") if not fits else ():
         recording.log(f"{path}/{part}", rr.Clear(recursive=False))
     if fits:
-        _log_corners(recording, path, camera, scale, fits)
+        _log_corners(recording, path, camera, arrow_scale(rig), fits)
     rings = [(fit, predicted_outline(rig, camera, fit)) for fit in fits]
     drawn = [(fit, ring) for fit, ring in rings if ring is not None]
     for part in ("predicted", "names") if not drawn else ():
         recording.log(f"{path}/{part}", rr.Clear(recursive=False))
     if drawn:
-        _log_outlines(recording, path, camera, drawn)
+        wide = _PICTURE * min(1.0, 2 / picture_columns(len(rig.cameras)))
+        _log_outlines(recording, path, camera, drawn, camera.intrinsics.width / wide)
 
 
 def _log_corners(recording: rr.RecordingStream, path: str, camera: Camera, scale: float, fits: list[ViewFit]) -> None:
@@ -68,30 +74,26 @@ def _log_corners(recording: rr.RecordingStream, path: str, camera: Camera, scale
 
 
 def _log_outlines(
-    recording: rr.RecordingStream, path: str, camera: Camera, drawn: list[tuple[ViewFit, Floats]]
+    recording: rr.RecordingStream, path: str, camera: Camera, drawn: list[tuple[ViewFit, Floats]], unit: float
 ) -> None:
+    """Outlines, and the names that find room beside them; the others show where a pointer is held. unit: px of the
+    picture for a point of the viewer."""
     colours = [FAULT if fit.rejected else PREDICTED for fit, _ in drawn]
     rings, names = [ring for _, ring in drawn], [fit.view.rectangle for fit, _ in drawn]
-    lines = rr.LineStrips2D(rings, colors=colours, radii=rr.Radius.ui_points(1.2), draw_order=29)
+    lines = rr.LineStrips2D(
+        rings, colors=colours, radii=rr.Radius.ui_points(1.2), labels=names, show_labels=False, draw_order=29
+    )
     recording.log(f"{path}/predicted", lines)
+    boxes = np.array([[*np.min(ring, axis=0), *np.max(ring, axis=0)] for ring in rings])
+    sizes = np.array([[_LETTER * len(name) + _AROUND, _LINE] for name in names]) * unit
+    tops = beside(boxes, sizes, (camera.intrinsics.width, camera.intrinsics.height), _GAP * unit)
+    room = np.flatnonzero(np.isfinite(tops).all(axis=1))
     labels = rr.Points2D(
-        _name_positions(rings, names, camera),
-        colors=colours,
-        radii=rr.Radius.ui_points(0.5),
-        labels=names,
+        tops[room],
+        colors=[colours[index] for index in room],
+        radii=rr.Radius.ui_points(0.1),
+        labels=[names[index] for index in room],
         show_labels=True,
         draw_order=32,
     )
     recording.log(f"{path}/names", labels)
-
-
-def _name_positions(rings: list[Floats], names: list[str], camera: Camera) -> Floats:
-    """Below each outline, apart from one another at the size in which a picture of four is shown."""
-    width = camera.intrinsics.width
-    below = np.array([[(ring[:, 0].min() + ring[:, 0].max()) / 2, ring[:, 1].max()] for ring in rings])
-    # The names lowest in the picture are placed first, and the others move up.
-    order = np.argsort(-below[:, 1])
-    up = below[order] * [1, -1]
-    rise = rises(up, [names[i] for i in order], 0.03 * width, 0.06 * width, 0.075 * width)
-    below[order, 1] -= rise
-    return below

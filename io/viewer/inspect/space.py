@@ -5,11 +5,11 @@ from collections.abc import Sequence
 import numpy as np
 import rerun as rr
 
-from quadrig.io.drawing.geometry import apart, extent, first_eye, magnification, outlines, positions
+from quadrig.io.drawing.geometry import Eye, apart, extent, first_eye, magnification, outlines, positions
 from quadrig.io.drawing.palette import MOVED, MOVING, STATIC, Colour
 from quadrig.io.viewer.inspect.timeline import framesets_of, set_frameset
 from quadrig.io.viewer.shapes import doubt_ellipsoid, frustum, named_points, transform
-from quadrig.rig.result import Camera, PlacedRectangle, Rig, placed_pose
+from quadrig.rig.result import Camera, PlacedRectangle, Rig
 from quadrig.single.arrays import Floats
 from quadrig.single.pose import Pose
 
@@ -62,18 +62,18 @@ def _outline(ring: Floats, colour: Colour, radius: float) -> rr.LineStrips3D:
 def _log_names(recording: rr.RecordingStream, rig: Rig, colours: dict[str, Colour], times: Sequence[int]) -> None:
     """Names of cameras and rectangles, moved apart where they would lie on one another from where one looks first."""
     still = [placed for placed in rig.rectangles if not placed.rectangle.moving]
-    anchors = [*positions(rig), *(placed.rig_from_rect.translation for placed in still)]
+    eye = first_eye(rig)
+    anchors = [*positions(rig), *(_foot(outlines(placed)[0], eye) for placed in still)]
     names = [*(camera.name for camera in rig.cameras), *(placed.name for placed in still)]
     shades = [*(colours[camera.name] for camera in rig.cameras), *([STATIC] * len(still))]
-    eye = first_eye(rig)
     labels = apart(eye, names, np.array(anchors))
     recording.log("space/names/still", named_points(names, labels, shades), static=True)
     recording.log("space/names/leads", _leads(np.array(anchors), labels, shades), static=True)
     moving = [placed for placed in rig.rectangles if placed.rectangle.moving]
     for frameset in framesets_of(rig) if moving else []:
         set_frameset(recording, frameset, times)
-        here = [(placed.name, placed_pose(rig, placed.name, frameset)) for placed in moving]
-        here = [(name, pose.translation) for name, pose in here if pose is not None]
+        here = [(placed.name, _outline_at(placed, frameset)) for placed in moving]
+        here = [(name, _foot(outline, eye)) for name, outline in here if outline is not None]
         if not here:
             recording.log("space/names/moving", rr.Clear(recursive=False))
             continue
@@ -81,6 +81,17 @@ def _log_names(recording: rr.RecordingStream, rig: Rig, colours: dict[str, Colou
         shown = apart(eye, names + [name for name, _ in here], every)[len(names) :]
         recording.log("space/names/moving", named_points([name for name, _ in here], shown, [MOVING] * len(here)))
     recording.reset_time()
+
+
+def _outline_at(placed: PlacedRectangle, frameset: int) -> Floats | None:
+    rows = np.flatnonzero(np.asarray(placed.framesets) == frameset)
+    return outlines(placed)[rows[0]] if len(rows) else None
+
+
+def _foot(outline: Floats, eye: Eye) -> Floats:
+    """Below the middle of an outline (5, 3), where its lowest corner ends: a name there covers none of it."""
+    middle = outline[:4].mean(axis=0)
+    return middle + ((outline - middle) @ eye.up).min() * eye.up
 
 
 def _leads(anchors: Floats, labels: Floats, colours: Sequence[Colour]) -> rr.LineStrips3D:

@@ -60,7 +60,7 @@ def test_what_the_working_accuracy_holds_stands_beside_it(example_rig):
     # A scale of 0.1 % is 3 mm of 3 m, far beyond the 0.2 mm of a point: the headline alone would promise too much.
     rig = replace(example_rig, working_accuracy=2e-4, point_accuracy=3e-4, scale_sigma=1e-3)
     holds = verdict(rig).holds
-    for words in ("0.2 mm", "0.3 mm", "0.1 %", "scale_sigma"):
+    for words in ("0.20 mm", "0.30 mm", "0.1 %", "scale_sigma"):
         assert words in holds
     assert "scale_sigma" not in verdict(replace(rig, scale_sigma=1e-6)).holds
     assert verdict(replace(rig, scale_sigma=float("nan"))).holds == ""
