@@ -24,6 +24,7 @@ from quadrig.rig.calibration import calibrate
 from quadrig.rig.result import Rig
 from quadrig.single.errors import QuadrigError
 from quadrig.single.pose import Pose
+from quadrig.single.rectangle import WORLD
 
 _HERE = Pose(np.eye(3), np.zeros(3))
 
@@ -55,7 +56,7 @@ def main() -> None:
     failed = 0
     for seed in range(asked.draws):
         made = draw("court", seed, lens)
-        surveyed = tuple(replace(rectangle, world_from_rect=_HERE) for rectangle in made.rectangles)
+        surveyed = tuple(replace(rectangle, body=WORLD, body_from_rect=_HERE) for rectangle in made.rectangles)
         for kind, rectangles in (("each for itself", made.rectangles), ("surveyed", surveyed)):
             for reference in (COURT[0], None):
                 try:

@@ -99,7 +99,7 @@ def fold(lens: Floats) -> float:
     return float(r[np.argmax(slope <= 0)]) if (slope <= 0).any() else float(r[-1])
 
 
-class _Room:
+class Room:
     """Cameras and what they see, gathered into a Simulated."""
 
     def __init__(self, rng: np.random.Generator, lens: Lens, poses: list[Pose], noise: float, given: bool = False):
@@ -156,13 +156,13 @@ class _Room:
     def made(self) -> Simulated:
         inputs = tuple(CameraInput(f"cam{i}", WIDTH, HEIGHT) for i in range(len(self.poses)))
         moving = {r.name for r in self.rectangles if r.moving}
-        places = {n: _stack(p) if n in moving else p[0] for n, p in self.places.items() if p}
+        places = {n: stack(p) if n in moving else p[0] for n, p in self.places.items() if p}
         return Simulated(
-            inputs, tuple(self.rectangles), tuple(self.views), self.lenses, _stack(self.poses), places, self.noise
+            inputs, tuple(self.rectangles), tuple(self.views), self.lenses, stack(self.poses), places, self.noise
         )
 
 
-def _stack(poses: list[Pose]) -> Pose:
+def stack(poses: list[Pose]) -> Pose:
     return Pose(np.stack([p.rotation for p in poses]), np.stack([p.translation for p in poses]))
 
 
@@ -208,7 +208,7 @@ def _waved(
     speed: float = 0.0,
 ) -> Simulated:
     poses = _inward(rng, int(rng.integers(3, 7)), rng.uniform(1.2, 2.8))
-    room = _Room(rng, lens, poses, float(rng.uniform(0.1, 0.6)))
+    room = Room(rng, lens, poses, float(rng.uniform(0.1, 0.6)))
     sheet = Rectangle("sheet", 0.54, 0.42, moving=True) if board else Rectangle("sheet", 0.297, 0.21, moving=True)
     points = board_points(9, 7, 0.06) if board else sheet.corners
     room.add(sheet, points)
@@ -250,7 +250,7 @@ def few_views(rng: np.random.Generator, lens: Lens) -> Simulated:
     """Cameras that look inward or outward, two to five tags each, one frameset."""
     count, wanted, size = int(rng.integers(3, 9)), int(rng.integers(2, 6)), 0.2
     poses = _inward(rng, count, rng.uniform(1.2, 2.8)) if rng.integers(2) else _outward(rng, count)
-    room, inward = _Room(rng, lens, poses, float(rng.uniform(0.1, 0.4))), poses[0].translation[2] < -1
+    room, inward = Room(rng, lens, poses, float(rng.uniform(0.1, 0.4))), poses[0].translation[2] < -1
     seen = np.zeros(count, int)
     for tag in range(400):
         if (seen >= wanted).all():
@@ -276,7 +276,7 @@ def clicked(rng: np.random.Generator, lens: Lens) -> Simulated:
     far = rng.uniform(12, 18)
     stands = [np.array([far * np.sin(a), -rng.uniform(5, 9), far * np.cos(a)]) for a in angles]
     poses = [facing(stand, rng.normal(size=3) * [0.5, 0.1, 0.5]) for stand in stands]
-    room = _Room(rng, lens, poses, 2.0, given=True)
+    room = Room(rng, lens, poses, 2.0, given=True)
     floor = rotation_from_vector(np.array([-np.pi / 2, 0.0, 0.0]))
     boxes = [(6.1, 13.4, 0.0), (5.18, 13.4, 0.0), (6.1, 3.96, 0.0), (5.18, 4.72, 4.34), (5.18, 4.72, -4.34)]
     for index in range(int(rng.integers(2, len(boxes) + 1))):
@@ -292,7 +292,7 @@ def court(rng: np.random.Generator, lens: Lens) -> Simulated:
     floor = Pose(rotation_from_vector(np.array([-np.pi / 2, 0.0, 0.0])), np.zeros(3))
     rectangles = [Rectangle(name, known_size(name).width, known_size(name).height) for name in COURT]
     angles = rng.uniform(0, 2 * np.pi) + np.array([0, 1, 2]) * rng.uniform(0.8, 1.6)
-    room = _Room(rng, lens, [facing(np.array([0.0, -1.0, 1.0]), np.zeros(3))] * 3, 2.0, given=True)
+    room = Room(rng, lens, [facing(np.array([0.0, -1.0, 1.0]), np.zeros(3))] * 3, 2.0, given=True)
     for camera, angle in enumerate(angles):
         rise, aim = rng.uniform(0.35, 0.7), rng.normal(size=3) * [1, 0.1, 1]
         way = np.array([np.cos(rise) * np.sin(angle), -np.sin(rise), np.cos(rise) * np.cos(angle)])

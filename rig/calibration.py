@@ -13,7 +13,7 @@ from quadrig.rig.culprits.sheets import measured, resized, wrong_size
 from quadrig.rig.joint.assemble import assemble_rig, camera_covariance
 from quadrig.rig.joint.clock_rounds import Solved, solve_with_clocks
 from quadrig.rig.joint.stages import Contradicted
-from quadrig.rig.problem.build import Problem, absurd_sentence, absurd_views, build_problem, of_cameras
+from quadrig.rig.problem.build import Problem, absurd_sentence, absurd_views, build_problem, of_cameras, rebuilt
 from quadrig.rig.problem.camera_input import CameraInput
 from quadrig.rig.problem.connectivity import components, contradiction, missing_cameras, refuse
 from quadrig.rig.result import Rig
@@ -41,14 +41,14 @@ def calibrate(
     that cannot be right, and given lenses that the Views rule out, are left out and named in Rig.weak. Raises
     QuadrigError where nothing was seen, or the Views determine no camera.
     """
-    whole = build_problem(cameras, rectangles, views)
+    whole = build_problem(cameras, rectangles, views, reference)
     sound = set_aside(whole.cameras, whole.views)
     if sound.said or sound.lost:
-        whole = build_problem(sound.cameras, rectangles, sound.views)
+        whole = rebuilt(whole, cameras=sound.cameras, views=sound.views)
     unusable = sound.lost | (no_pictures(whole) if whole.views else {})
     if unusable:
         left = [view for view in whole.views if view.camera not in unusable]
-        whole = build_problem(whole.cameras, rectangles, left)
+        whole = rebuilt(whole, views=left)
     if not whole.views:
         raise QuadrigError("; ".join(unusable.values())) if unusable else refuse(whole)
     named = _reference(whole, cameras, reference)

@@ -132,8 +132,8 @@ def _problem(rig: Rig, rectangles: Sequence[Rectangle], views: Sequence[View]) -
         CameraInput(c.name, c.intrinsics.width, c.intrinsics.height, c.intrinsics, fixed=True) for c in rig.cameras
     ]
     known = {camera.name for camera in inputs}
-    # Surveyed or not, a rectangle is only something that several cameras see at once: it may stand elsewhere now.
-    loose = [replace(rectangle, world_from_rect=None) for rectangle in rectangles]
+    # On a body or not, a rectangle is only something that several cameras see at once: it may stand elsewhere now.
+    loose = [replace(rectangle, body="", body_from_rect=None) for rectangle in rectangles]
     return build_problem(inputs, loose, [view for view in views if view.camera in known])
 
 

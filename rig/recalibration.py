@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 
 from quadrig.rig.adjustment.levenberg_marquardt import adjust, undamped
-from quadrig.rig.adjustment.normal_equations import LENS
 from quadrig.rig.adjustment.schur import dense_matrix
+from quadrig.rig.adjustment.state import LENS
 from quadrig.rig.adjustment.twist_jacobians import step_by_camera_twist
 from quadrig.rig.joint.assemble import assemble_rig, camera_covariance
 from quadrig.rig.joint.stages import Contradicted, Joint, solve_jointly
@@ -105,7 +105,7 @@ def _in_rig_frame(problem: Problem, rig: Rig, first: FirstRig, standing: Mask) -
         old = rig.camera(problem.cameras[row].name).rig_from_camera.inverse()
         rotation[row], translation[row] = old.rotation, old.translation
     return replace(
-        first, camera_from_rig=Pose(rotation, translation), rig_from_node=rig_from_anchor @ first.rig_from_node
+        first, camera_from_rig=Pose(rotation, translation), rig_from_body=rig_from_anchor @ first.rig_from_body
     )
 
 
@@ -120,9 +120,11 @@ def _passed_on(problem: Problem, joint: Joint, rig: Rig, standing: Mask) -> Floa
     state = replace(joint.adjustment.state, motion=None, offsets=None, slack=None)
     found = adjust(joint.observations, state, opened, joint.noise, most_steps=0)
     matrix, columns = dense_matrix(undamped(found, opened)), found.columns
-    size = len(columns) + 6
-    is_new = np.repeat(~standing, size) & joint.free.unknowns(columns, state).ravel()
-    is_old = np.repeat(standing, size) & opened.unknowns(columns, state).ravel()
+    size, units = len(columns) + 6, found.tables.units
+    # Poses of rectangles on their bodies are found anew with the moved cameras.
+    stays = np.repeat(np.append(standing, np.zeros(units - len(standing), bool)), size)
+    is_new = ~stays & joint.free.unknowns(columns, state).ravel()
+    is_old = stays & opened.unknowns(columns, state).ravel()
     new, old = np.flatnonzero(is_new), np.flatnonzero(is_old)
     gain = -np.linalg.solve(matrix[np.ix_(new, new)], matrix[np.ix_(new, old)])
     known = _as_solved(problem, rig, standing, columns)[np.ix_(old, old)]

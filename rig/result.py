@@ -54,7 +54,7 @@ class Camera:
 class PlacedRectangle:
     """A rectangle where it stood: once where static, at each frameset where moving.
 
-    framesets (F,) int: empty for a static one. rig_from_rect: one Pose, or a batch (F,).
+    framesets (F,) int: those where it was seen; empty for a static one. rig_from_rect: one Pose, or a batch (F,).
     covariance: (6, 6), or (F, 6, 6), of the step of rig_from_rect. shape: how the sheet differs from a flat one of
     its size; None where nobody looked.
     """
@@ -69,6 +69,35 @@ class PlacedRectangle:
     def name(self) -> str:
         """The rectangle's name."""
         return self.rectangle.name
+
+
+@dataclass(frozen=True, eq=False)
+class PlacedBody:
+    """A body where it stood: once where it stands still, at each frameset where it moves.
+
+    rectangles (K,): names of those on it. body_from_rect: a batch (K,); layout_covariance (6 K, 6 K): of its steps,
+    zero for the rectangle that is the body's frame and for poses that were given exactly. rig_from_body: one Pose, or
+    a batch (F,); covariance: (6, 6), or (F, 6, 6), of its step. framesets (F,) int: empty where it stands still.
+    """
+
+    name: str
+    rectangles: tuple[str, ...]
+    body_from_rect: Pose
+    layout_covariance: Floats
+    rig_from_body: Pose
+    covariance: Floats
+    framesets: Ints = field(default_factory=lambda: np.zeros(0, int))
+
+    def rect_from_other(self, rectangle: str, other: str) -> tuple[Pose, Floats]:
+        """The pose of another rectangle of the body in the frame of one, and the covariance (6, 6) of its step.
+        Raises ValueError where either is none of its rectangles."""
+        one, two = self.rectangles.index(rectangle), self.rectangles.index(other)
+        body_from_one, body_from_two = self.body_from_rect[one], self.body_from_rect[two]
+        by_inverse, by_two = compose_jacobians(body_from_one.inverse(), body_from_two)
+        jacobian = np.concatenate([by_inverse @ inverse_jacobian(body_from_one), by_two], axis=1)
+        rows = np.concatenate([6 * row + np.arange(6) for row in (one, two)])
+        covariance = jacobian @ self.layout_covariance[np.ix_(rows, rows)] @ jacobian.T
+        return body_from_one.inverse() @ body_from_two, covariance
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,6 +130,7 @@ class Rig:
     dispersion: what all covariances have been multiplied by, because parts of the recording disagree on the cameras
     by more than noise explains; 1 where they do not.
     missing: a sentence for each camera that could not be placed, by name. weak: what is weak, in words.
+    bodies: those of several rectangles, or of given poses: where they stood, and where rectangles stand on them.
     apart: what is known of those cameras all the same, their lenses above all: rigs of their own, often of one
     camera, each in a frame of its own that nothing ties to this one.
     """
@@ -121,6 +151,7 @@ class Rig:
     costs: tuple[float, ...] = ()
     dispersion: float = 1.0
     apart: tuple["Rig", ...] = ()
+    bodies: tuple[PlacedBody, ...] = ()
 
     @property
     def is_doubt_known(self) -> bool:

@@ -1,5 +1,6 @@
 """Rigid transforms. Every one is named a_from_b: it takes coordinates in frame b to coordinates in frame a."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -104,6 +105,12 @@ class Pose:
         """The step (..., 6) with self.retract(step) equal to other."""
         rotation = other.rotation @ np.swapaxes(self.rotation, -1, -2)
         return np.concatenate([vector_from_rotation(rotation), other.translation - self.translation], axis=-1)
+
+
+def stacked(poses: Sequence[Pose]) -> Pose:
+    """Poses as one batch (N,), empty where there are none."""
+    rotations = [pose.rotation for pose in poses]
+    return Pose(np.array(rotations).reshape(-1, 3, 3), np.array([p.translation for p in poses]).reshape(-1, 3))
 
 
 def inverse_jacobian(pose: Pose) -> Floats:

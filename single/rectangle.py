@@ -20,6 +20,9 @@ from quadrig.single.view import View
 Metres = Annotated[float, "metres"]
 """A length: a field of a marking that is one may have a unit where people write it."""
 
+WORLD = "world"
+"""The body that surveyed rectangles stand on."""
+
 PRINT_SCALE_SIGMA = 0.001
 """How well the size of a sheet that was printed and not measured is known, as a share of it."""
 # Who knows a size no better than this cannot calibrate with it.
@@ -152,11 +155,13 @@ class PointsMarking(Marking):
 class Rectangle:
     """A rectangle of known size, metres; a moving one has a new pose in every frameset.
 
-    world_from_rect: its surveyed pose (R', T' of Eq. 50), where there is one. back: it is seen from behind too, where
-    the marking appears mirrored (on glass, or printed through).
+    body: the rectangles of one body are fixed to each other and move together; one without is a body by itself.
+    body_from_rect: its pose on the body (R', T' of Eq. 50), where that is given; found where it is None.
+    layout_sigma: how well that is known, rad about and m along each axis; exactly where both are zero.
+    back: it is seen from behind too, where the marking appears mirrored (on glass, or printed through).
     scale_sigma: how well its size is known, as a share of it: a printer's scale, or what was measured.
     Raises QuadrigError where a side is not a positive length, back is asked of a marking that looks the same from
-    there, or scale_sigma is not a small positive share.
+    there, scale_sigma is not a small positive share, or a pose is given on no body.
     """
 
     name: str
@@ -164,9 +169,11 @@ class Rectangle:
     height: float
     marking: Marking = field(default_factory=PointsMarking)
     moving: bool = False
-    world_from_rect: Pose | None = field(default=None, compare=False)
     back: bool = False
     scale_sigma: float = PRINT_SCALE_SIGMA
+    body: str = ""
+    body_from_rect: Pose | None = field(default=None, compare=False)
+    layout_sigma: tuple[float, float] = (0.0, 0.0)
 
     def __post_init__(self) -> None:
         if self.back and self.marking.tags is None:
@@ -183,6 +190,13 @@ class Rectangle:
             raise QuadrigError(
                 f"rectangle {self.name!r}: scale_sigma is {self.scale_sigma}; give how well its size is known, as a "
                 f"share above 0 and below {_LARGEST_SCALE_SIGMA} (0.001 for 0.1 %)"
+            )
+        if self.body_from_rect is not None and not self.body:
+            raise QuadrigError(f"rectangle {self.name!r}: body_from_rect is a pose on no body; give its body's name")
+        if not all(0 <= sigma < np.inf for sigma in self.layout_sigma):
+            raise QuadrigError(
+                f"rectangle {self.name!r}: layout_sigma is {self.layout_sigma}; give two numbers (rad, m), zero "
+                "where its pose on the body is known exactly"
             )
 
     @property

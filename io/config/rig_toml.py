@@ -1,6 +1,6 @@
 """rig.toml: what stands in the room. Read strictly, what is wrong in it named by its line, written back."""
 
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache, partial
 from pathlib import Path
@@ -17,12 +17,13 @@ from quadrig.io.config.marking_tables import Length, marking_keys, marking_of, m
 from quadrig.io.config.toml_lines import toml_line
 from quadrig.io.whole_file import write_text
 from quadrig.rig.problem.camera_input import CameraInput, LensChoice
+from quadrig.rig.problem.layouts import check_bodies
 from quadrig.single.errors import QuadrigError
 from quadrig.single.lens import Intrinsics, LensModel, image_middle
 from quadrig.single.markings.registry import marking_kinds
 from quadrig.single.pose import Pose
-from quadrig.single.rectangle import PRINT_SCALE_SIGMA, Marking, Rectangle
-from quadrig.single.rotation import rotation_from_angles, rotation_from_quaternion
+from quadrig.single.rectangle import PRINT_SCALE_SIGMA, WORLD, Marking, Rectangle
+from quadrig.single.rotation import rotation_from_angles, rotation_from_quaternion, vector_from_rotation
 
 # Lengths measured twice, once as columns x square and once as the sheet's side, agree to a printer's rounding.
 _SIDE_TOLERANCE = 1e-3
@@ -34,6 +35,7 @@ _UNIT_TOLERANCE = 1e-2
 _COEFFICIENTS = 5
 
 Positive = Annotated[float, msgspec.Meta(gt=0)]
+NotNegative = Annotated[float, msgspec.Meta(ge=0)]
 Name = Annotated[str, msgspec.Meta(min_length=1)]
 
 
@@ -41,10 +43,14 @@ class _Table(msgspec.Struct, forbid_unknown_fields=True):
     """A table of rig.toml: an unknown key is an error."""
 
 
-class _WorldPose(_Table):
+class _GivenPose(_Table):
+    """A pose, and how well it is known: sigma in metres along each axis, sigma_deg about each; exactly where 0."""
+
     translation: tuple[Length, Length, Length]
     angles_deg: tuple[float, float, float] | None = None
     quaternion_xyzw: tuple[float, float, float, float] | None = None
+    sigma: Length = Length(0.0)
+    sigma_deg: NotNegative = 0.0
 
 
 class _Rectangle(_Table, kw_only=True):
@@ -56,7 +62,14 @@ class _Rectangle(_Table, kw_only=True):
     moving: bool = False
     back: bool = False
     scale_sigma: float = PRINT_SCALE_SIGMA
-    world_from_rect: _WorldPose | None = None
+    world_from_rect: _GivenPose | None = None
+    body: Name | None = None
+    body_from_rect: _GivenPose | None = None
+
+
+class _Body(_Table):
+    name: Name
+    moving: bool = False
 
 
 class _Camera(_Table):
@@ -76,6 +89,7 @@ class _File(_Table, kw_only=True):
     rectangle: Sequence[_Rectangle]
     reference: str | None = None
     camera: list[_Camera] = []
+    body: list[_Body] = []
 
 
 @lru_cache(maxsize=2)
@@ -186,35 +200,65 @@ def parse_config(text: str, name: str = "rig.toml") -> RigConfig:
         raise QuadrigError(f"{name}: this is not TOML: {error}") from error
     if not tables.rectangle:
         raise QuadrigError(f"{name}: there is no [[rectangle]]; describe at least one that several cameras see")
-    rectangles = tuple(_rectangle(table, i, text, name) for i, table in enumerate(tables.rectangle))
+    bodies = {table.name: table.moving for table in tables.body}
+    rectangles = tuple(_rectangle(table, i, bodies, text, name) for i, table in enumerate(tables.rectangle))
     cameras = tuple(_camera(table, i, text, name) for i, table in enumerate(tables.camera))
     _check_unique("rectangle", [r.name for r in rectangles], text, name)
     _check_unique("camera", [c.name for c in cameras], text, name)
+    _check_unique("body", [body.name for body in tables.body], text, name)
     _check_markings(rectangles, text, name)
+    _check_bodies(rectangles, tables.body, text, name)
     _check_reference(tables.reference, rectangles, cameras, text, name)
     return RigConfig(rectangles, cameras, tables.reference, text)
 
 
-def _rectangle(table: _Rectangle, index: int, text: str, name: str) -> Rectangle:
-    path = f"$.rectangle[{index}]"
-    world = None
+def _rectangle(table: _Rectangle, index: int, bodies: Mapping[str, bool], text: str, name: str) -> Rectangle:
+    """bodies: which of the [[body]] tables moves, by name."""
+    where = partial(locate, name, text, f"$.rectangle[{index}]")
     try:
-        world = None if table.world_from_rect is None else _world_pose(table.world_from_rect)
         marking = marking_of(table.marking)
     except (ValueError, QuadrigError) as error:
-        key = "world_from_rect" if world is None and table.world_from_rect is not None else "marking"
-        raise QuadrigError(f"{locate(name, text, path, key)}: rectangle {table.name!r}: {error}") from error
-    where = partial(locate, name, text, path)
+        raise QuadrigError(f"{where('marking')}: rectangle {table.name!r}: {error}") from error
     table = _with_known_size(table, where)
     own_width, own_height = marking.size or (None, None)
     width, height = _side(table, "width", own_width, where), _side(table, "height", own_height, where)
+    body, given = _on_body(table, where)
+    pose = given and _given_pose(
+        table.name, "world_from_rect" if table.body_from_rect is None else "body_from_rect", given, where
+    )
+    sigma = (0.0, 0.0) if given is None else (float(np.radians(given.sigma_deg)), given.sigma)
+    moving = table.moving or bodies.get(body, False)
     try:
-        return Rectangle(table.name, width, height, marking, table.moving, world, table.back, table.scale_sigma)
+        return Rectangle(table.name, width, height, marking, moving, table.back, table.scale_sigma, body, pose, sigma)
     except QuadrigError as error:
         sides = (("width", width), ("height", height))
         broken = [key for key, length in sides if not (np.isfinite(length) and length > 0)]
-        side = broken[0] if broken else "back" if "back" in str(error) else "scale_sigma"
-        raise QuadrigError(f"{locate(name, text, path, side)}: {error}") from error
+        keys = ("back", "body_from_rect", "scale_sigma")
+        side = broken[0] if broken else next((key for key in keys if key in str(error)), "body_from_rect")
+        raise QuadrigError(f"{where(side)}: {error}") from error
+
+
+def _on_body(table: _Rectangle, where: Callable[[str], str]) -> tuple[str, _GivenPose | None]:
+    """The body that a rectangle stands on, and its pose there where that is given: world_from_rect is its pose on the
+    surveyed world."""
+    world, own = table.world_from_rect, table.body_from_rect
+    if own is not None and table.body is None:
+        raise QuadrigError(
+            f"{where('body_from_rect')}: rectangle {table.name!r} has body_from_rect and no body; give its name"
+        )
+    if world is None:
+        return table.body or "", own
+    if table.body not in (None, WORLD):
+        raise QuadrigError(
+            f"{where('body')}: rectangle {table.name!r} is of two bodies, {table.body!r} and the world "
+            "(world_from_rect); a rectangle is fixed to one: keep one of them"
+        )
+    if own is not None and own != world:
+        raise QuadrigError(
+            f"{where('body_from_rect')}: rectangle {table.name!r} has two poses on the world, world_from_rect and "
+            "body_from_rect, which contradict each other; keep one of them"
+        )
+    return WORLD, world
 
 
 def _with_known_size(table: _Rectangle, where: Callable[[str], str]) -> _Rectangle:
@@ -250,16 +294,26 @@ def _side(table: _Rectangle, side: str, follows: float | None, where: Callable[[
     return follows
 
 
-def _world_pose(table: _WorldPose) -> Pose:
-    if (table.angles_deg is None) == (table.quaternion_xyzw is None):
-        raise ValueError("world_from_rect needs translation and one of angles_deg and quaternion_xyzw")
-    if table.angles_deg is not None:
-        rotation = rotation_from_angles(*np.radians(table.angles_deg))
-    else:
-        quaternion = np.array(table.quaternion_xyzw, float)
-        if not abs(np.linalg.norm(quaternion) - 1) <= _UNIT_TOLERANCE:
-            raise ValueError(f"quaternion_xyzw has length {np.linalg.norm(quaternion):.3g}; a rotation has length 1")
-        rotation = rotation_from_quaternion(quaternion)
+def _given_pose(rectangle: str, key: str, table: _GivenPose, where: Callable[[str], str]) -> Pose:
+    def wrong(what: str) -> QuadrigError:
+        return QuadrigError(f"{where(key)}: rectangle {rectangle!r}: {what}")
+
+    if table.angles_deg is None and table.quaternion_xyzw is None:
+        raise wrong(f"{key} needs translation and one of angles_deg and quaternion_xyzw")
+    angles = None if table.angles_deg is None else rotation_from_angles(*np.radians(table.angles_deg))
+    if table.quaternion_xyzw is None:
+        assert angles is not None
+        return Pose(angles, np.array(table.translation, float))
+    quaternion = np.array(table.quaternion_xyzw, float)
+    if not abs(np.linalg.norm(quaternion) - 1) <= _UNIT_TOLERANCE:
+        raise wrong(f"quaternion_xyzw has length {np.linalg.norm(quaternion):.3g}; a rotation has length 1")
+    rotation = rotation_from_quaternion(quaternion)
+    if angles is not None and np.abs(angles - rotation).max() > _UNIT_TOLERANCE:
+        apart = np.degrees(np.linalg.norm(vector_from_rotation(angles.T @ rotation)))
+        raise wrong(
+            f"{key} is given twice, by angles_deg and by quaternion_xyzw, and they are {apart:.3g} degrees apart; "
+            "keep one of them"
+        )
     return Pose(rotation, np.array(table.translation, float))
 
 
@@ -300,6 +354,31 @@ def _check_unique(kind: str, names: list[str], text: str, name: str) -> None:
                 "give each a name of its own"
             )
         seen.add(one)
+
+
+def _check_bodies(rectangles: tuple[Rectangle, ...], bodies: list[_Body], text: str, name: str) -> None:
+    members: dict[str, list[int]] = {}
+    for index, rectangle in enumerate(rectangles):
+        if rectangle.body:
+            members.setdefault(rectangle.body, []).append(index)
+    for index, body in enumerate(bodies):
+        if body.name not in members:
+            raise QuadrigError(
+                f"{locate(name, text, f'$.body[{index}]', 'name')}: no rectangle stands on body {body.name!r}; give "
+                f'its rectangles body = "{body.name}", or leave it out'
+            )
+    for body, own in members.items():
+        if len(own) == 1 and rectangles[own[0]].body_from_rect is None:
+            where = locate(name, text, f"$.rectangle[{own[0]}]", "body")
+            raise QuadrigError(
+                f"{where}: body {body!r} has one rectangle, {rectangles[own[0]].name!r}; a body is two or more that "
+                "are fixed to each other: leave body out, or give it to the others"
+            )
+    try:
+        check_bodies(rectangles)
+    except QuadrigError as error:
+        wrong = next((own[0] for body, own in members.items() if f"body {body!r}" in str(error)), 0)
+        raise QuadrigError(f"{locate(name, text, f'$.rectangle[{wrong}]', 'body')}: {error}") from error
 
 
 def _check_markings(rectangles: tuple[Rectangle, ...], text: str, name: str) -> None:
@@ -353,6 +432,8 @@ def config_text(config: RigConfig) -> str:
         defaults = msgspec.structs.asdict(_Camera(name=""))
         kept = {k: v for k, v in values.items() if v is not None and v != defaults[k]}
         tables.append("\n".join(["[[camera]]", *(toml_line(k, v) for k, v in kept.items())]))
+    moving = sorted({rectangle.body for rectangle in config.rectangles if rectangle.body and rectangle.moving})
+    tables = ["\n".join(["[[body]]", toml_line("name", body), "moving = true"]) for body in moving] + tables
     head = [] if config.reference is None else [toml_line("reference", config.reference)]
     return "\n\n".join([*head, *tables]) + "\n"
 
@@ -361,18 +442,23 @@ def _rectangle_values(rectangle: Rectangle) -> dict[str, object]:
     values: dict[str, object] = {"name": rectangle.name}
     if rectangle.marking.size is None:
         values |= {"width": rectangle.width, "height": rectangle.height}
-    if rectangle.moving:
+    if rectangle.moving and not rectangle.body:
         values["moving"] = True
     if rectangle.back:
         values["back"] = True
     if rectangle.scale_sigma != PRINT_SCALE_SIGMA:
         values["scale_sigma"] = rectangle.scale_sigma
     values["marking"] = marking_keys(rectangle.marking)
-    if rectangle.world_from_rect is not None:
-        values["world_from_rect"] = {
-            "translation": rectangle.world_from_rect.translation.tolist(),
-            "quaternion_xyzw": rectangle.world_from_rect.quaternion().tolist(),
+    if rectangle.body:
+        values["body"] = rectangle.body
+    if rectangle.body_from_rect is not None:
+        rotation, position = rectangle.layout_sigma
+        pose: dict[str, object] = {
+            "translation": rectangle.body_from_rect.translation.tolist(),
+            "quaternion_xyzw": rectangle.body_from_rect.quaternion().tolist(),
         }
+        known = {"sigma": position, "sigma_deg": float(np.degrees(rotation))}
+        values["body_from_rect"] = pose | {key: sigma for key, sigma in known.items() if sigma}
     return values
 
 

@@ -20,7 +20,6 @@ from quadrig.single.view import View
 # A frame: of a camera, of a rectangle at a frameset (-1 where it stands still), of the rig or of the world.
 Frame = tuple[str, str, int]
 _RIG: Frame = ("rig", "", -1)
-_WORLD: Frame = ("world", "", -1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,8 +83,8 @@ def place(
                 pose = placed.rig_from_rect[row] if many else placed.rig_from_rect
                 join(_RIG, _frame(placed.rectangle, frameset), pose)
     for rectangle in rectangles:
-        if rectangle.world_from_rect is not None:
-            join(_WORLD, _frame(rectangle, -1), rectangle.world_from_rect)
+        if rectangle.body_from_rect is not None and not rectangle.moving:
+            join(("body", rectangle.body, -1), _frame(rectangle, -1), rectangle.body_from_rect)
     known = {rectangle.name: rectangle for rectangle in rectangles}
     for camera in cameras:
         own = [view for view in views if view.camera == camera.name]

@@ -11,14 +11,14 @@ import numpy as np
 
 from quadrig.io.rig_file.json_numbers import Number, number, numbers, read_number, read_numbers
 from quadrig.io.rig_file.view_record import ViewRecord, recorded_view, view_record
-from quadrig.rig.result import CAMERA_PARAMETERS, Camera, PlacedRectangle, Rig, ViewFit
+from quadrig.rig.result import CAMERA_PARAMETERS, Camera, PlacedBody, PlacedRectangle, Rig, ViewFit
 from quadrig.rig.sheet_shape import SHAPE_PARAMETERS, SheetShape
 from quadrig.single.errors import QuadrigError
 from quadrig.single.lens import Intrinsics, LensModel
 from quadrig.single.lens_prior import LensEvidence
 from quadrig.single.markings.registry import marking_kinds, marking_values
 from quadrig.single.pose import Pose
-from quadrig.single.rectangle import PRINT_SCALE_SIGMA, Marking, Rectangle
+from quadrig.single.rectangle import PRINT_SCALE_SIGMA, WORLD, Marking, Rectangle
 
 RECORD_FORMAT = 1
 """Raised when a reader of the old record would misread the new one."""
@@ -61,20 +61,37 @@ class CameraRecord(msgspec.Struct):
 
 
 class RectangleRecord(msgspec.Struct):
-    """A PlacedRectangle; rig_from_rect is 4x4 where static, (F, 4, 4) where moving. shape: values and covariance."""
+    """A PlacedRectangle; rig_from_rect is 4x4 where static, (F, 4, 4) where moving. shape: values and covariance.
+    world_from_rect: body_from_rect of files that know one body only, the world."""
 
     name: str
     width: float
     height: float
     marking: dict[str, Any]
     moving: bool
-    world_from_rect: list | None
     rig_from_rect: list
     covariance: list
     framesets: list[int]
+    world_from_rect: list | None = None
     back: bool = False
     scale_sigma: float = PRINT_SCALE_SIGMA
     shape: list | None = None
+    body: str = ""
+    body_from_rect: list | None = None
+    layout_sigma: tuple[float, float] = (0.0, 0.0)
+
+
+class BodyRecord(msgspec.Struct):
+    """A PlacedBody; rig_from_body is 4x4 where it stands still, (F, 4, 4) where it moves; body_from_rect is (K, 4,
+    4)."""
+
+    name: str
+    rectangles: tuple[str, ...]
+    body_from_rect: list
+    layout_covariance: list
+    rig_from_body: list
+    covariance: list
+    framesets: list[int]
 
 
 class RigRecord(msgspec.Struct):
@@ -97,6 +114,7 @@ class RigRecord(msgspec.Struct):
     apart: list["RigRecord"] = []
     point_accuracy: Number = None
     scale_sigma: Number = None
+    bodies: list[BodyRecord] = []
 
 
 class FitRecord(ViewRecord, kw_only=True):
@@ -132,6 +150,7 @@ def _rig_record(rig: Rig, times: tuple[int, ...] = ()) -> RigRecord:
         times=[int(time) for time in times],
         dispersion=number(rig.dispersion),
         apart=[_rig_record(each) for each in rig.apart],
+        bodies=[_body_record(body) for body in rig.bodies],
     )
 
 
@@ -183,6 +202,7 @@ def _rig(held: RigRecord, fits: tuple[ViewFit, ...]) -> Rig:
         costs=tuple(read_number(cost) for cost in held.costs),
         dispersion=read_number(held.dispersion),
         apart=apart,
+        bodies=tuple(_placed_body(body) for body in held.bodies),
     )
 
 
@@ -254,14 +274,16 @@ def _camera(held: CameraRecord) -> Camera:
 
 def _rectangle_record(placed: PlacedRectangle) -> RectangleRecord:
     rectangle = placed.rectangle
-    world = rectangle.world_from_rect
+    on_body = rectangle.body_from_rect
     return RectangleRecord(
         name=rectangle.name,
         width=float(rectangle.width),
         height=float(rectangle.height),
         marking=marking_values(rectangle.marking),
         moving=rectangle.moving,
-        world_from_rect=None if world is None else numbers(world.matrix()),
+        body=rectangle.body,
+        body_from_rect=None if on_body is None else numbers(on_body.matrix()),
+        layout_sigma=rectangle.layout_sigma,
         rig_from_rect=numbers(placed.rig_from_rect.matrix()),
         covariance=numbers(placed.covariance),
         framesets=np.asarray(placed.framesets, int).tolist(),
@@ -272,16 +294,18 @@ def _rectangle_record(placed: PlacedRectangle) -> RectangleRecord:
 
 
 def _placed_rectangle(held: RectangleRecord) -> PlacedRectangle:
-    world = None if held.world_from_rect is None else Pose.from_matrix(read_numbers(held.world_from_rect, 4, 4))
+    on_body = held.world_from_rect or held.body_from_rect
     rectangle = Rectangle(
         held.name,
         held.width,
         held.height,
         recorded_marking(held.marking),
         held.moving,
-        world,
         held.back,
         held.scale_sigma,
+        WORLD if held.world_from_rect else held.body,
+        None if on_body is None else Pose.from_matrix(read_numbers(on_body, 4, 4)),
+        held.layout_sigma,
     )
     one_or_many = (len(held.framesets),) if held.moving else ()
     shape, count = None, len(SHAPE_PARAMETERS)
@@ -294,6 +318,31 @@ def _placed_rectangle(held: RectangleRecord) -> PlacedRectangle:
         covariance=read_numbers(held.covariance, *one_or_many, 6, 6),
         framesets=np.array(held.framesets, int),
         shape=shape,
+    )
+
+
+def _body_record(body: PlacedBody) -> BodyRecord:
+    return BodyRecord(
+        body.name,
+        body.rectangles,
+        numbers(body.body_from_rect.matrix()),
+        numbers(body.layout_covariance),
+        numbers(body.rig_from_body.matrix()),
+        numbers(body.covariance),
+        np.asarray(body.framesets, int).tolist(),
+    )
+
+
+def _placed_body(held: BodyRecord) -> PlacedBody:
+    count, many = len(held.rectangles), (len(held.framesets),) if held.framesets else ()
+    return PlacedBody(
+        held.name,
+        held.rectangles,
+        Pose.from_matrix(read_numbers(held.body_from_rect, count, 4, 4)),
+        read_numbers(held.layout_covariance, 6 * count, 6 * count),
+        Pose.from_matrix(read_numbers(held.rig_from_body, *many, 4, 4)),
+        read_numbers(held.covariance, *many, 6, 6),
+        np.array(held.framesets, int),
     )
 
 

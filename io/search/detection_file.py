@@ -38,6 +38,8 @@ FORMAT = 5
 
 # Of a recording or video, so many bytes from both ends distinguish it from another of the same size and time.
 _ENDS = 1 << 16
+# Of a rectangle: what no picture of it shows.
+_NOT_SEEN = ("moving", "body", "body_from_rect", "layout_sigma")
 # The sources of what makes detections of a picture: reading it, and searching it.
 _DETECTOR = ("single", "io/recording")
 
@@ -60,8 +62,8 @@ Found = dict[tuple[str, int], tuple[View, ...] | str]
 def camera_key(camera: RecordedCamera, rectangles: Sequence[Rectangle]) -> str:
     """What detections in a camera's images depend on, as a short word: files, topic, markings, detector."""
     files = [_file_mark(path) for path in camera.source.files]
-    # A surveyed pose, or whether it moves, changes nothing of what is seen.
-    sheets = [{k: v for k, v in _plain(one).items() if k not in ("moving", "world_from_rect")} for one in rectangles]
+    # Where it stands, or whether it moves, changes nothing of what is seen.
+    sheets = [{k: v for k, v in _plain(one).items() if k not in _NOT_SEEN} for one in rectangles]
     shape = [camera.width, camera.height, camera.frames, camera.encoding]
     mark = [FORMAT, detector_version(), files, camera.topic, shape, sheets]
     return hashlib.blake2b(msgspec.json.encode(mark), digest_size=12).hexdigest()
@@ -240,4 +242,4 @@ def _file_mark(path: Path) -> list[object]:
 
 
 def _plain(rectangle: Rectangle) -> dict[str, Any]:
-    return {**asdict(rectangle), "marking": marking_values(rectangle.marking), "world_from_rect": None}
+    return {**asdict(rectangle), "marking": marking_values(rectangle.marking), "body_from_rect": None}

@@ -7,8 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from quadrig.rig.problem.camera_input import CameraInput
+from quadrig.rig.problem.layouts import body_of
 from quadrig.rig.start.in_step import cameras_in_step
-from quadrig.single.rectangle import Rectangle
+from quadrig.single.rectangle import WORLD, Rectangle
 from quadrig.single.view import View
 
 # Between recordings that are put after one another, s: no motion is seen to go on from one to the next.
@@ -29,13 +30,16 @@ def joined(
 ) -> tuple[tuple[Rectangle, ...], RecordedViews]:
     """All recordings as one, and the rectangles in it.
 
-    A rectangle that stands still is another one in each recording, but for a surveyed one, which stands where it was
-    surveyed; it keeps its name in the recording with most Views of it. Cameras that a recording shows at other times
-    than its stamps say share no instant in it.
+    What stands still is another body in each recording, but for the surveyed world, which stands where it was
+    surveyed; its rectangles keep their names in the recording with most Views of it. Cameras that a recording shows
+    at other times than its stamps say share no instant in it.
     """
     names = _names(recordings, rectangles)
     known = {rectangle.name: rectangle for rectangle in rectangles}
-    every = {**known, **{new: replace(known[old], name=new) for (_, old), new in names.items()}}
+    every = dict(known)
+    for (number, old), new in names.items():
+        body = known[old].body and f"{known[old].body} ({recordings[number].name}, {number + 1})"
+        every[new] = replace(known[old], name=new, body=body)
     views: list[View] = []
     times: list[int] = []
     begin = 0.0
@@ -57,11 +61,16 @@ def _names(recordings: Sequence[RecordedViews], rectangles: Sequence[Rectangle])
     """New names of rectangles, by recording (its number) and the name they have."""
     seen = [Counter(view.rectangle for view in recording.views) for recording in recordings]
     taken, names = {rectangle.name for rectangle in rectangles}, {}
+    of_body: dict[str, list[int]] = {}
     for rectangle in rectangles:
-        if rectangle.moving or rectangle.world_from_rect is not None:
+        counts = of_body.setdefault(body_of(rectangle), [0] * len(seen))
+        counts[:] = [count + own[rectangle.name] for count, own in zip(counts, seen, strict=True)]
+    for rectangle in rectangles:
+        if rectangle.moving or rectangle.body == WORLD:
             continue
         numbers = [number for number, counts in enumerate(seen) if counts[rectangle.name]]
-        keeps = max(numbers, key=lambda number: (seen[number][rectangle.name], -number), default=0)
+        counts = of_body[body_of(rectangle)]
+        keeps = max(range(len(seen)), key=lambda number: (counts[number], -number))
         for number in numbers:
             if number != keeps:
                 name = f"{rectangle.name} ({recordings[number].name})"

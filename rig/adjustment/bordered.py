@@ -1,7 +1,7 @@
 """The adjustment with systematic errors: few unknowns that touch many Views, as a border of the reduced system.
 
-With C the inverse of the reduced system over the cameras, B what ties the errors to it and D their own part, both
-after the rectangle poses are eliminated: the errors' covariance is S = (D + prior - B' C B)^-1, and the cameras' is
+With C the inverse of the reduced system over the units, B what ties the errors to it and D their own part, both
+after the poses of bodies are eliminated: the errors' covariance is S = (D + prior - B' C B)^-1, and the units' is
 C + C B S B' C.
 """
 
@@ -11,10 +11,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from quadrig.rig.adjustment.levenberg_marquardt import Adjustment, FreeParameters, stepped
-from quadrig.rig.adjustment.normal_equations import State, chain_derivatives, view_rows
+from quadrig.rig.adjustment.levenberg_marquardt import Adjustment, FreeParameters
+from quadrig.rig.adjustment.normal_equations import view_rows
 from quadrig.rig.adjustment.schur import Reduced, node_steps
 from quadrig.rig.adjustment.slack import eliminate_slack
+from quadrig.rig.adjustment.state import State, chain_derivatives
 from quadrig.rig.adjustment.systematic_errors import Moves, SystematicErrors
 from quadrig.rig.problem.observations import ObservationGroup, Observations
 from quadrig.single.arrays import Floats, Ints
@@ -31,25 +32,25 @@ _AT_ONCE = 500
 
 @dataclass(frozen=True, eq=False)
 class Border:
-    """What the Views say of the errors, rectangle poses eliminated, for each of F folds of the Views.
+    """What the Views say of the errors, poses of bodies eliminated, for each of F folds of the Views.
 
-    cameras (F, C M, U): B above. information (F, U, U): D; gradient (F, U) down the cost; both without the prior.
-    pairs (C M, 6 N) sparse, and passed (6 N, U), sparse where it is large: what leads to the steps of the nodes.
+    units (F, E M, U): B above. information (F, U, U): D; gradient (F, U) down the cost; both without the prior.
+    pairs (E M, 6 N) sparse, and passed (6 N, U), sparse where it is large: what leads to the steps of the nodes.
     """
 
-    cameras: Floats
+    units: Floats
     information: Floats
     gradient: Floats
     pairs: "scipy.sparse.csr_array"
     passed: "Floats | scipy.sparse.csr_array"
 
     def lost(self, errors: SystematicErrors, values: Floats) -> tuple[Floats, Floats]:
-        """By how much less the reduced system and its gradient say, (C M, C M) and (C M,), when the errors, now of
+        """By how much less the reduced system and its gradient say, (E M, E M) and (E M,), when the errors, now of
         these values (U,), may take any that their prior allows."""
         pull = self.gradient.sum(axis=0) - errors.information @ values
-        cameras = self.cameras.sum(axis=0)
-        right = np.column_stack([cameras.T, pull])
-        solved = cameras @ np.linalg.solve(self.information.sum(axis=0) + errors.information, right)
+        units = self.units.sum(axis=0)
+        right = np.column_stack([units.T, pull])
+        solved = units @ np.linalg.solve(self.information.sum(axis=0) + errors.information, right)
         return (solved[:, :-1] + solved[:, :-1].T) / 2, solved[:, -1]
 
 
@@ -66,17 +67,17 @@ def border_of(
     each node, all of whose Views are in it; one fold where None."""
     from scipy.sparse import bsr_array, coo_array
 
-    cameras, size = reduced.free.shape
-    nodes, tables = observations.nodes, found.layout
+    units, size = reduced.free.shape
+    nodes, tables = observations.nodes, found.tables
     fold = np.zeros(nodes, int) if fold is None else fold
     own = _Sums.of(errors, observations, found, free, noise, size, fold)
     node_inverse = bsr_array((reduced.node_inverse, np.arange(nodes), np.arange(nodes + 1)), shape=(6 * nodes,) * 2)
-    row = tables.pair_camera[:, None, None] * size + np.arange(size)[:, None]
+    row = tables.pair_unit[:, None, None] * size + np.arange(size)[:, None]
     column = tables.pair_node[:, None, None] * 6 + np.arange(6)
     at = [axis.ravel() for axis in np.broadcast_arrays(row, column)]
-    pairs = coo_array((found.normal.pairs.ravel(), at), shape=(cameras * size, 6 * nodes)).tocsr()
+    pairs = coo_array((found.normal.pairs.ravel(), at), shape=(units * size, 6 * nodes)).tocsr()
     passed = node_inverse.tocsr() @ own.nodes
-    border, information, gradient = own.cameras, own.errors, own.gradient
+    border, information, gradient = own.units, own.errors, own.gradient
     pull = found.normal.node_gradient.ravel()
     for number in range(len(information)):
         rows = np.flatnonzero(np.repeat(fold == number, 6))
@@ -90,10 +91,10 @@ def border_of(
 
 @dataclass(frozen=True, eq=False)
 class Bordered:
-    """One step to the minimum over cameras, rectangle poses and systematic errors together.
+    """One step to the minimum over cameras, poses of bodies and systematic errors together.
 
-    values (U,): of the errors after it; covariance (U, U), and a root (U, U) of it. step (U,), camera_steps (C, M),
-    node_steps (N, 6): the step. by_camera (C M, U): by how much cameras move with each of U independent errors of one
+    values (U,): of the errors after it; covariance (U, U), and a root (U, U) of it. step (U,), unit_steps (E, M),
+    node_steps (N, 6): the step. by_unit (E M, U): by how much units move with each of U independent errors of one
     sigma. fall: of chi-square, that is expected. effective: how many unknowns the errors count for, less what priors
     hold. data_information (U, U), data_pull (U,): what the Views alone say of the errors, quadratic about errors of
     zero, cameras and poses following.
@@ -102,9 +103,9 @@ class Bordered:
     values: Floats
     covariance: Floats
     step: Floats
-    camera_steps: Floats
+    unit_steps: Floats
     node_steps: Floats
-    by_camera: Floats
+    by_unit: Floats
     border: Border
     root: Floats
     fall: float
@@ -114,26 +115,25 @@ class Bordered:
 
     def part(self, observations: Observations, found: Adjustment, share: float) -> tuple[State, Floats]:
         """State and values (U,) of the errors after a share of the step from the end of that adjustment."""
-        steps, poses = share * self.camera_steps, share * self.node_steps
-        state = stepped(observations, found.columns, found.state, found.eliminated, steps, poses)
+        state = found.stepped(observations, share * self.unit_steps, share * self.node_steps)
         return state, self.values - (1 - share) * self.step
 
-    def with_errors(self, camera_covariance: Floats) -> Floats:
-        """The covariance (C M, C M) of the cameras with the errors' doubt, from that without."""
-        return camera_covariance + self.by_camera @ self.by_camera.T
+    def with_errors(self, unit_covariance: Floats) -> Floats:
+        """The covariance (E M, E M) of the cameras with the errors' doubt, from that without."""
+        return unit_covariance + self.by_unit @ self.by_unit.T
 
-    def joint_covariance(self, camera_covariance: Floats) -> Floats:
-        """The covariance (C M + U, C M + U) of cameras and errors together, from that of the cameras without
+    def joint_covariance(self, unit_covariance: Floats) -> Floats:
+        """The covariance (E M + U, E M + U) of cameras and errors together, from that of the cameras without
         errors."""
-        across = self.by_camera @ self.root.T
-        return np.block([[self.with_errors(camera_covariance), across], [across.T, self.covariance]])
+        across = self.by_unit @ self.root.T
+        return np.block([[self.with_errors(unit_covariance), across], [across.T, self.covariance]])
 
-    def node_covariances(self, reduced: Reduced) -> Floats:
-        """What the errors add to the covariance (N, 6, 6) of each rectangle pose."""
+    def node_roots(self, reduced: Reduced) -> Floats:
+        """By how much every pose of a body moves (N, 6, U), against by_unit, with each of the U independent errors of
+        one sigma."""
         size, nodes = len(self.values), len(reduced.node_inverse)
-        followed = reduced.node_inverse @ (self.border.pairs.T @ self.by_camera).reshape(nodes, 6, size)
-        moved = followed + (self.border.passed @ self.root).reshape(nodes, 6, size)
-        return moved @ np.swapaxes(moved, -1, -2)
+        followed = reduced.node_inverse @ (self.border.pairs.T @ self.by_unit).reshape(nodes, 6, size)
+        return followed + (self.border.passed @ self.root).reshape(nodes, 6, size)
 
 
 def solve_bordered(
@@ -142,16 +142,16 @@ def solve_bordered(
     values: Floats,
     found: Adjustment,
     reduced: Reduced,
-    camera_covariance: Floats,
+    unit_covariance: Floats,
 ) -> Bordered:
     """The step from the end of an adjustment made with errors of these values (U,) taken off.
 
-    border, reduced: of that adjustment; camera_covariance (C M, C M): without the errors.
+    border, reduced: of that adjustment; unit_covariance (E M, E M): without the errors.
     """
     from scipy.linalg import solve_triangular
 
-    ties = border.cameras.sum(axis=0)
-    through = camera_covariance @ ties
+    ties = border.units.sum(axis=0)
+    through = unit_covariance @ ties
     data = border.information.sum(axis=0) - ties.T @ through
     information = data + errors.information
     lower = np.linalg.cholesky((information + information.T) / 2)
@@ -159,9 +159,9 @@ def solve_bordered(
     gradient = np.where(reduced.free, reduced.gradient, 0.0).ravel()
     pulled = border.gradient.sum(axis=0) - errors.information @ values - through.T @ gradient
     step = root @ (root.T @ pulled)
-    steps = (camera_covariance @ gradient - through @ step).reshape(reduced.free.shape)
-    poses = node_steps(found.normal, found.layout, reduced, steps) - (border.passed @ step).reshape(-1, 6)
-    by_camera = -through @ root
+    steps = (unit_covariance @ gradient - through @ step).reshape(reduced.free.shape)
+    poses = node_steps(found.normal, found.tables, reduced, steps) - (border.passed @ step).reshape(-1, 6)
+    by_unit = -through @ root
     covariance = root @ root.T
     return Bordered(
         values + step,
@@ -169,7 +169,7 @@ def solve_bordered(
         step,
         steps,
         poses,
-        by_camera,
+        by_unit,
         border,
         root,
         float(step @ pulled),
@@ -181,10 +181,10 @@ def solve_bordered(
 
 @dataclass(frozen=True, eq=False)
 class _Sums:
-    """The errors' part of the normal equations: with cameras (F, C M, U), among themselves (F, U, U) and the gradient
+    """The errors' part of the normal equations: with units (F, E M, U), among themselves (F, U, U) and the gradient
     (F, U), for each fold; with nodes (6 N, U)."""
 
-    cameras: Floats
+    units: Floats
     nodes: "Floats | scipy.sparse.csr_array"
     errors: Floats
     gradient: Floats
@@ -203,29 +203,34 @@ class _Sums:
         from scipy.sparse import coo_array
 
         lens, unknowns, folds = len(found.columns), len(errors.information), int(fold.max(initial=0)) + 1
-        result = np.zeros((folds, observations.cameras, size, unknowns))
+        result = np.zeros((folds, found.tables.units, size, unknowns))
         own, gradient, parts = np.zeros((folds, unknowns, unknowns)), np.zeros((folds, unknowns)), []
-        by_camera, by_node = chain_derivatives(observations, found.state)
+        chain, joins = chain_derivatives(observations, found.state), observations.joins
         for part, gram, index in extended_grams(errors, observations, found, free, noise):
             of_errors = gram[:, lens : lens + index.shape[1]]
             by_pose = of_errors[:, :, -7:-1]
-            with_camera = np.concatenate([of_errors[:, :, :lens], by_pose @ by_camera[part.view]], axis=2)
+            with_camera = np.concatenate([of_errors[:, :, :lens], by_pose @ chain.by_camera[part.view]], axis=2)
             # Views of one camera, one sheet and one fold have the same errors: they are summed first.
             key = (index[:, 0] * observations.cameras + part.camera) * folds + fold[part.node]
             order = np.argsort(key, kind="stable")
             starts = np.flatnonzero(np.diff(key[order], prepend=-1))
             first = order[starts]
             at, camera, number = index[first], part.camera[first], fold[part.node[first]]
-            np.add.at(
-                result,
-                (number[:, None, None], camera[:, None, None], np.arange(size)[:, None], at[:, None, :]),
-                np.swapaxes(np.add.reduceat(with_camera[order], starts), 1, 2),
-            )
+
+            place = (number[:, None, None], camera[:, None, None], np.arange(size)[:, None], at[:, None, :])
+            np.add.at(result, place, np.swapaxes(np.add.reduceat(with_camera[order], starts), 1, 2))
+            if joins.found:
+                layout = joins.layout[part.view[first]]
+                free = np.flatnonzero((layout >= 0) & (layout < joins.found))
+                with_layout = np.add.reduceat((by_pose @ chain.by_layout[part.view])[order], starts)
+                unit = joins.cameras + layout[free, None, None]
+                place = (number[free, None, None], unit, lens + np.arange(6)[:, None], at[free][:, None, :])
+                np.add.at(result, place, np.swapaxes(with_layout[free], 1, 2))
             among = np.add.reduceat(of_errors[order, :, lens : lens + index.shape[1]], starts)
             np.add.at(own, (number[:, None, None], at[:, :, None], at[:, None, :]), among)
             np.add.at(gradient, (fold[part.node][:, None], index), of_errors[:, :, -1])
             row = part.node[:, None, None] * 6 + np.arange(6)[:, None]
-            with_node = np.swapaxes(by_pose @ by_node[part.view], 1, 2)
+            with_node = np.swapaxes(by_pose @ chain.by_node[part.view], 1, 2)
             parts.append([axis.ravel() for axis in np.broadcast_arrays(with_node, row, index[:, None, :])])
         value, row, column = (np.concatenate(each) for each in zip(*parts, strict=True))
         nodes = coo_array((value, (row, column)), shape=(6 * observations.nodes, unknowns))

@@ -3,26 +3,20 @@
 Levenberg-Marquardt on the Schur complement (Triggs et al., "Bundle adjustment - a modern synthesis", 2000).
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from quadrig.rig.adjustment.normal_equations import (
-    LENS,
-    Layout,
-    Linearised,
-    Normal,
-    State,
-    chain_derivatives,
-    layout,
-    linearise,
-    normal_equations,
-)
-from quadrig.rig.adjustment.schur import Reduced, eliminate, node_steps, solve_cameras
+from quadrig.rig.adjustment.normal_equations import Linearised, Normal, linearise, normal_equations
+from quadrig.rig.adjustment.schur import Reduced, eliminate, node_steps, solve_units
 from quadrig.rig.adjustment.slack import EliminatedSlack, SlackPrior, eliminate_slack, slack_steps
+from quadrig.rig.adjustment.state import LENS, State, chain_derivatives
+from quadrig.rig.adjustment.tables import Tables, tables_of
+from quadrig.rig.adjustment.twist_jacobians import step_by_left_twist
 from quadrig.rig.problem.observations import Observations
 from quadrig.single.arrays import Floats, Ints, Mask
 from quadrig.single.damping import MOST_DAMPING, UNSOLVABLE, Damping, gain
+from quadrig.single.pose import Pose, stacked
 
 # A step that is expected to lower chi-square by less than this moves every parameter by less than a thousandth
 # of its own sigma: nothing that a result prints can change.
@@ -36,11 +30,35 @@ _FIRST_DAMPING = 1e-5
 
 
 @dataclass(frozen=True, eq=False)
+class LayoutPrior:
+    """What is known beforehand of the rectangles' poses on their bodies that are to be found: body_from_rect, a batch
+    (F,), and 1/variance (F, 6) of its step."""
+
+    mean: Pose = field(default_factory=lambda: stacked([]))
+    information: Floats = field(default_factory=lambda: np.zeros((0, 6)))
+
+    def steps(self, state: State) -> Floats:
+        """The steps (F, 6) that lead from the prior's poses to the state's."""
+        return self.mean.step_to(state.body_from_rect[: len(self.information)])
+
+    def cost(self, state: State) -> float:
+        """Chi-square of the state's poses."""
+        return float((self.information * self.steps(state) ** 2).sum())
+
+    def on_twists(self, state: State) -> tuple[Floats, Floats]:
+        """Information (F, 6, 6) on the twists of the state's poses, and the gradient (F, 6) down the cost."""
+        by_twist = step_by_left_twist(state.body_from_rect[: len(self.information)])
+        weighed = np.swapaxes(by_twist, -1, -2) * self.information[:, None]
+        return weighed @ by_twist, -(weighed @ self.steps(state)[..., None])[..., 0]
+
+
+@dataclass(frozen=True, eq=False)
 class FreeParameters:
     """What may change, and what is known beforehand.
 
     lens (C, 9) bool, pose (C,) bool, node (N,) bool. prior_mean (C, 9), prior_information (C, 9, 9): Gaussian priors
-    of the lenses. slack: the prior of each View's slack, None where no View has any.
+    of the lenses. slack: the prior of each View's slack, None where no View has any. layouts: of the poses of
+    rectangles on their bodies, which may change where is_layout_free.
     """
 
     lens: Mask
@@ -49,6 +67,8 @@ class FreeParameters:
     prior_mean: Floats
     prior_information: Floats
     slack: SlackPrior | None = None
+    layouts: LayoutPrior = field(default_factory=LayoutPrior)
+    is_layout_free: bool = True
 
     @property
     def information(self) -> Floats:
@@ -61,11 +81,14 @@ class FreeParameters:
         return np.flatnonzero(self.lens.any(axis=0))
 
     def unknowns(self, columns: Ints, state: State) -> Mask:
-        """(C, M) bool: which unknowns of the reduced system are estimated at a state."""
+        """(E, M) bool: which unknowns of the reduced system are estimated at a state."""
         parts = [self.lens[:, columns], np.repeat(self.pose[:, None], 6, axis=1)]
         if state.motion is not None and state.offsets is not None:
             parts.append(state.motion.free[:, None])
-        return np.concatenate(parts, axis=1)
+        cameras = np.concatenate(parts, axis=1)
+        layouts = np.zeros((len(self.layouts.information), cameras.shape[1]), bool)
+        layouts[:, len(columns) : len(columns) + 6] = self.is_layout_free
+        return np.concatenate([cameras, layouts])
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,9 +102,13 @@ class Adjustment:
     costs: tuple[float, ...]
     linearised: Linearised
     normal: Normal
-    layout: Layout
+    tables: Tables
     columns: Ints
     eliminated: EliminatedSlack | None = None
+
+    def stepped(self, observations: Observations, steps: Floats, poses: Floats) -> State:
+        """The state after steps of the units (E, M) and the nodes (N, 6); slack follows them."""
+        return _stepped(observations, self, steps, poses)
 
 
 def adjust(
@@ -92,7 +119,7 @@ def adjust(
     *,
     robust: bool = False,
     most_steps: int = 50,
-    tables: Layout | None = None,
+    tables: Tables | None = None,
     tolerance: float = CONVERGED,
 ) -> Adjustment:
     """The state of least cost that can be reached from `state`.
@@ -100,7 +127,7 @@ def adjust(
     noise: sigma (px) of a pixel coordinate of weight 1. robust: Cauchy's loss instead of squares. tolerance: the
     fall of chi-square to be expected of a further step, below which none is taken.
     """
-    problem = _Adjusted(observations, free, tables or layout(observations), free.columns, noise, robust)
+    problem = _Adjusted(observations, free, tables or tables_of(observations), free.columns, noise, robust)
     if free.slack is not None and state.slack is None:
         state = replace(state, slack=np.zeros((len(observations.camera), 6)))
     here = _expand(problem, state)
@@ -127,7 +154,7 @@ class _Adjusted:
 
     observations: Observations
     free: FreeParameters
-    tables: Layout
+    tables: Tables
     columns: Ints
     noise: float
     robust: bool
@@ -141,7 +168,23 @@ class _Expansion:
     cost: float
     linearised: Linearised
     normal: Normal
+    tables: Tables
+    columns: Ints
     eliminated: EliminatedSlack | None
+
+
+def _stepped(observations: Observations, here: "Adjustment | _Expansion", steps: Floats, poses: Floats) -> State:
+    state, count, cameras = here.state, len(here.columns), len(here.state.lens)
+    lens = np.zeros_like(state.lens)
+    lens[:, here.columns] = steps[:cameras, :count]
+    slack = state.slack
+    if here.eliminated is not None and slack is not None:
+        slack = slack + slack_steps(
+            here.eliminated, view_steps(observations, here.tables, state, steps, poses, count)
+        )
+    offsets = None if state.offsets is None else state.offsets + steps[:cameras, count + 6 :].sum(axis=1)
+    twists = steps[:, count : count + 6]
+    return replace(state.moved(lens, twists[:cameras], poses, twists[cameras:]), slack=slack, offsets=offsets)
 
 
 def _linearised(problem: _Adjusted, state: State) -> tuple[Linearised, float]:
@@ -156,7 +199,8 @@ def _expand(problem: _Adjusted, state: State, known: tuple[Linearised, float] | 
         eliminated = eliminate_slack(gram, state.slack, prior.information)
         gram = eliminated.gram
     normal = normal_equations(problem.observations, problem.tables, state, gram)
-    return _Expansion(state, cost, linearised, with_prior(normal, state, problem.free, problem.columns), eliminated)
+    normal = with_prior(normal, state, problem.free, problem.columns)
+    return _Expansion(state, cost, linearised, normal, problem.tables, problem.columns, eliminated)
 
 
 def _better(problem: _Adjusted, here: _Expansion, damping: Damping) -> tuple[_Expansion, float, Damping] | None:
@@ -166,13 +210,13 @@ def _better(problem: _Adjusted, here: _Expansion, damping: Damping) -> tuple[_Ex
     while damping.value < MOST_DAMPING:
         try:
             reduced = eliminate(normal, problem.tables, unknowns, free.node, float(damping.value))
-            steps = solve_cameras(reduced)
+            steps = solve_units(reduced)
         except np.linalg.LinAlgError:
             damping = damping.after(UNSOLVABLE)
             continue
         poses = node_steps(normal, problem.tables, reduced, steps)
-        expected = float((steps * normal.camera_gradient * unknowns).sum() + (poses * normal.node_gradient).sum())
-        trial = stepped(problem.observations, problem.columns, here.state, here.eliminated, steps, poses)
+        expected = float((steps * normal.unit_gradient * unknowns).sum() + (poses * normal.node_gradient).sum())
+        trial = _stepped(problem.observations, here, steps, poses)
         found = _linearised(problem, trial)
         gained = gain(here.cost, found[1], expected)
         damping = damping.after(gained)
@@ -185,39 +229,25 @@ def _better(problem: _Adjusted, here: _Expansion, damping: Damping) -> tuple[_Ex
 
 
 def followed(found: Adjustment, observations: Observations, reduced: Reduced, steps: Floats) -> State:
-    """The state after steps (C, M) of the cameras from the end of an adjustment; all else follows."""
-    poses = node_steps(found.normal, found.layout, reduced, steps)
-    return stepped(observations, found.columns, found.state, found.eliminated, steps, poses)
+    """The state after steps (E, M) of the units from the end of an adjustment; all else follows."""
+    poses = node_steps(found.normal, found.tables, reduced, steps)
+    return found.stepped(observations, steps, poses)
 
 
-def stepped(
-    observations: Observations,
-    columns: Ints,
-    state: State,
-    eliminated: EliminatedSlack | None,
-    steps: Floats,
-    poses: Floats,
-) -> State:
-    """The state after steps of the cameras (C, M) and the nodes (N, 6); slack follows them."""
-    count = len(columns)
-    lens = np.zeros_like(state.lens)
-    lens[:, columns] = steps[:, :count]
-    slack = state.slack
-    if eliminated is not None and slack is not None:
-        slack = slack + slack_steps(eliminated, view_steps(observations, state, steps, poses, count))
-    offsets = None if state.offsets is None else state.offsets + steps[:, count + 6 :].sum(axis=1)
-    return replace(state.moved(lens, steps[:, count : count + 6], poses), slack=slack, offsets=offsets)
-
-
-def view_steps(observations: Observations, state: State, steps: Floats, poses: Floats, lens: int) -> Floats:
-    """Steps (V, K + 6) of lens and chained camera_from_rect, of steps of the cameras (C, M) and nodes (N, 6).
+def view_steps(
+    observations: Observations, tables: Tables, state: State, steps: Floats, poses: Floats, lens: int
+) -> Floats:
+    """Steps (V, K + 6) of lens and chained camera_from_rect, of steps of the units (E, M) and nodes (N, 6).
 
     lens: K, how many of a camera's unknowns are the lens's.
     """
-    by_camera, by_node = chain_derivatives(observations, state)
-    own = steps[observations.camera]
-    chained = by_camera @ own[:, lens:, None] + by_node @ poses[observations.node][..., None]
-    return np.concatenate([own[:, :lens], chained[..., 0]], axis=1)
+    chain = chain_derivatives(observations, state)
+    own = steps[tables.camera]
+    chained = (chain.by_camera @ own[:, lens:, None] + chain.by_node @ poses[observations.node][..., None])[..., 0]
+    if len(tables.loose):
+        by_layout = chain.by_layout[tables.loose]
+        chained[tables.loose] += (by_layout @ steps[tables.layout, lens : lens + 6, None])[..., 0]
+    return np.concatenate([own[:, :lens], chained], axis=1)
 
 
 def _prior_cost(state: State, free: FreeParameters) -> float:
@@ -228,32 +258,35 @@ def _prior_cost(state: State, free: FreeParameters) -> float:
         cost += float((held * state.slack**2).sum())
     if state.offsets is not None:
         cost += float((state.offsets**2).sum()) * _CLOCK_INFORMATION
-    return cost
+    return cost + free.layouts.cost(state)
 
 
 def with_prior(normal: Normal, state: State, free: FreeParameters, columns: Ints) -> Normal:
-    """The normal equations with the priors of the lens parameters added."""
-    information = free.information
+    """The normal equations with the priors of lenses, clocks and given layouts added."""
+    information, cameras, count = free.information, len(state.lens), len(columns)
     pull = (information @ (free.prior_mean - state.lens)[..., None])[..., 0]
-    cameras, gradient = normal.cameras.copy(), normal.camera_gradient.copy()
-    cameras[:, : len(columns), : len(columns)] += information[:, columns[:, None], columns]
-    gradient[:, : len(columns)] += pull[:, columns]
+    units, gradient = normal.units.copy(), normal.unit_gradient.copy()
+    units[:cameras, :count, :count] += information[:, columns[:, None], columns]
+    gradient[:cameras, :count] += pull[:, columns]
     if state.offsets is not None and state.motion is not None:
-        cameras[:, -1, -1] += _CLOCK_INFORMATION
-        gradient[:, -1] -= _CLOCK_INFORMATION * state.offsets
-    return replace(normal, cameras=cameras, camera_gradient=gradient)
+        units[:cameras, -1, -1] += _CLOCK_INFORMATION
+        gradient[:cameras, -1] -= _CLOCK_INFORMATION * state.offsets
+    of_layouts, down = free.layouts.on_twists(state)
+    units[cameras:, count : count + 6, count : count + 6] += of_layouts
+    gradient[cameras:, count : count + 6] += down
+    return replace(normal, units=units, unit_gradient=gradient)
 
 
 def undamped(adjustment: Adjustment, free: FreeParameters) -> Reduced:
     """The reduced system at the end of an adjustment, for covariances and tests."""
     unknowns = free.unknowns(adjustment.columns, adjustment.state)
-    return eliminate(adjustment.normal, adjustment.layout, unknowns, free.node)
+    return eliminate(adjustment.normal, adjustment.tables, unknowns, free.node)
 
 
 def lens_covariances(adjustment: Adjustment, covariance: Floats) -> Floats:
-    """(C, 9, 9) of each camera's lens, from the covariance (C M, C M) of the reduced system."""
-    cameras, columns = len(adjustment.state.lens), adjustment.columns
-    blocks = covariance.reshape(cameras, len(covariance) // cameras, cameras, -1)
+    """(C, 9, 9) of each camera's lens, from the covariance (E M, E M) of the reduced system."""
+    cameras, columns, units = len(adjustment.state.lens), adjustment.columns, adjustment.tables.units
+    blocks = covariance.reshape(units, len(covariance) // units, units, -1)
     own = blocks[np.arange(cameras), :, np.arange(cameras), :]
     result = np.zeros((cameras, LENS, LENS))
     result[:, columns[:, None], columns] = own[:, : len(columns), : len(columns)]

@@ -1,7 +1,7 @@
-"""Clocks that do not agree: where a moving rectangle was when a camera really took its picture.
+"""Clocks that do not agree: where a moving body was when a camera really took its picture.
 
-Between framesets the motion is interpolated through the rectangle's poses before, at and after. A View taken at
-another instant than its frameset's sees the rectangle displaced along that motion, by the lag of its stamp, which is
+Between framesets the motion is interpolated through the body's poses before, at and after. A View taken at
+another instant than its frameset's sees the body displaced along that motion, by the lag of its stamp, which is
 known, and by the offset of its camera's clock, which the joint adjustment estimates like any other parameter.
 """
 
@@ -22,12 +22,12 @@ _FEWEST_VIEWS = 6
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """How the rectangle of each View moves: tau seconds after its frameset it stands at the step
+    """How the body of each View moves: tau seconds after its frameset it stands at the step
     tau * rate + tau^2 * bend, (V, 6) in the rig frame, from its node's pose.
 
     lag (V,) s: by how much later than its frameset the View was stamped; rate and bend are zero where not known.
     observable (C,) bool: cameras whose offset the motion determines. free (C,) bool: those whose offset is estimated:
-    of cameras that share moving rectangles one holds the clock, since only differences of offsets are observable.
+    of cameras that share moving bodies one holds the clock, since only differences of offsets are observable.
     """
 
     rate: Floats
@@ -46,10 +46,10 @@ class Motion:
         return self.rate + 2 * (self.lag + offset)[:, None] * self.bend
 
 
-def motion(problem: Problem, rig_from_node: Pose, offsets: Floats) -> Motion | None:
-    """The motion of every View's rectangle, from the poses of its neighbours in time; None where none is known.
+def motion(problem: Problem, rig_from_body: Pose, offsets: Floats) -> Motion | None:
+    """The motion of the body of every View, from the poses of its neighbours in time; None where none is known.
 
-    offsets (C,) s: of the clocks. A pose is the rectangle's at the mean of when its Views were truly taken, so that
+    offsets (C,) s: of the clocks. A pose is the body's at the mean of when its Views were truly taken, so that
     motion carries none of them farther than need be.
     """
     stamp = np.array([view.time for view in problem.views])
@@ -64,9 +64,9 @@ def motion(problem: Problem, rig_from_node: Pose, offsets: Floats) -> Motion | N
     if not len(rows):
         return None
     node, one, other = rows.T
-    here = rig_from_node[node]
+    here = rig_from_body[node]
     to_one, to_other = (node_time[one] - node_time[node])[:, None], (node_time[other] - node_time[node])[:, None]
-    step_one, step_other = here.step_to(rig_from_node[one]), here.step_to(rig_from_node[other])
+    step_one, step_other = here.step_to(rig_from_body[one]), here.step_to(rig_from_body[other])
     rate, bend = np.zeros((len(problem.nodes), 6)), np.zeros((len(problem.nodes), 6))
     # The parabola through both neighbours and the pose itself.
     bend[node] = (step_other / to_other - step_one / to_one) / (to_other - to_one)
@@ -86,14 +86,14 @@ def motion(problem: Problem, rig_from_node: Pose, offsets: Floats) -> Motion | N
 
 
 def _neighbours(problem: Problem, node_time: Floats) -> Ints:
-    """Nodes (R, 3) of one moving rectangle, each with its two nearest in time: before and after it, but at the ends
+    """Nodes (R, 3) of one moving body, each with its two nearest in time: before and after it, but at the ends
     of a run of framesets both on one side."""
-    by_rectangle: dict[str, list[int]] = {}
+    by_body: dict[str, list[int]] = {}
     for index, node in enumerate(problem.nodes):
         if node.frameset >= 0 and np.isfinite(node_time[index]):
-            by_rectangle.setdefault(node.rectangle, []).append(index)
+            by_body.setdefault(node.body, []).append(index)
     rows: dict[int, tuple[int, int, int]] = {}
-    for nodes in by_rectangle.values():
+    for nodes in by_body.values():
         ordered = sorted(nodes, key=lambda n: node_time[n])
         for before, node, after in zip(ordered, ordered[1:], ordered[2:], strict=False):
             gaps = node_time[node] - node_time[before], node_time[after] - node_time[node]

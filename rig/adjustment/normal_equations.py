@@ -1,23 +1,21 @@
-"""The Gram matrices of all Views, and the system over cameras that remains when rectangle poses are eliminated.
+"""The Gram matrices of all Views, and the normal equations that they are spread to.
 
 A View depends on the lens of its camera and on camera_from_rect alone. So each View is first reduced to one small
-Gram matrix over [lens, step of camera_from_rect, residual]; Eq. 50's chain camera_from_rect =
-camera_from_rig @ rig_from_rect then spreads it over the two poses. Each View touches one rectangle pose, so that
-their part of the normal matrix is 6x6 blocks, eliminated in one batch (Schur complement).
+Gram matrix over [lens, step of camera_from_rect, residual]; Eq. 50's chain (state.py) then spreads it over the poses.
+Each View touches one pose of a body, so that their part of the normal matrix is 6x6 blocks, eliminated in one batch
+(Schur complement).
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from quadrig.rig.adjustment.motion import Motion
-from quadrig.rig.adjustment.twist_jacobians import step_by_inner_twist
+from quadrig.rig.adjustment.state import State, chain_derivatives
+from quadrig.rig.adjustment.tables import Tables
 from quadrig.rig.problem.observations import ObservationGroup, Observations
 from quadrig.single.arrays import Floats, Ints
-from quadrig.single.lens import LENS_PARAMETERS, fill_projection_rows, project
+from quadrig.single.lens import fill_projection_rows, project
 from quadrig.single.pose import Pose
-
-LENS = len(LENS_PARAMETERS)
 
 # Cauchy's loss at 2.385 sigma keeps 95 % of the efficiency of least squares on Gaussian noise (Rey 1983).
 _CAUCHY = 2.385
@@ -26,45 +24,6 @@ _CAUCHY = 2.385
 _BEHIND_COST = 55.0
 # So many points are linearised at a time: what they need fits into a processor's second-level cache.
 _AT_ONCE = 8192
-
-
-@dataclass(frozen=True, eq=False)
-class State:
-    """What is estimated: lenses (C, 9), camera_from_rig a batch (C,), rig_from_rect a batch (N,) over the nodes.
-
-    slack (V, 6): the step by which each View strays from the chain, where cameras are out of step; None for none.
-    motion and offsets (C,) s: how moving rectangles move between framesets, and by how much each camera's clock is
-    off; None where clocks are taken to agree.
-    """
-
-    lens: Floats
-    camera_from_rig: Pose
-    rig_from_rect: Pose
-    slack: Floats | None = None
-    motion: Motion | None = None
-    offsets: Floats | None = None
-
-    def moved(self, lens: Floats, cameras: Floats, nodes: Floats) -> "State":
-        """After steps of the lenses (C, 9) and twists in the rig frame of cameras (C, 6) and nodes (N, 6)."""
-        step, count = Pose.from_twist(np.concatenate([cameras, nodes])), len(cameras)
-        return replace(
-            self,
-            lens=self.lens + lens,
-            camera_from_rig=self.camera_from_rig @ step[:count],
-            rig_from_rect=step[count:] @ self.rig_from_rect,
-        )
-
-    def rig_from_seen(self, observations: Observations) -> Pose:
-        """Where each View's rectangle stood when the View was taken: a batch (V,)."""
-        pose = self.rig_from_rect[observations.node]
-        if self.motion is None or self.offsets is None:
-            return pose
-        return pose.retract(self.motion.step(self.offsets[observations.camera]))
-
-    def camera_from_rect(self, observations: Observations) -> Pose:
-        """Eq. 50 for every View, with its slack: a batch (V,)."""
-        chained = self.camera_from_rig[observations.camera] @ self.rig_from_seen(observations)
-        return chained if self.slack is None else chained.retract(self.slack)
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,7 +111,7 @@ def view_rows(group: ObservationGroup, lens: Floats, camera_from_rect: Pose, col
     located = turned + camera_from_rect.translation.T[:, :, None]
     wanted = len(columns)
     rows = np.zeros((wanted + 7, count, 2, size))
-    by_lens: list[Floats | None] = [None] * LENS
+    by_lens: list[Floats | None] = [None] * lens.shape[1]
     for place, column in enumerate(columns):
         by_lens[column] = rows[place].swapaxes(0, 1)
     by_point = rows[wanted + 3 : wanted + 6].swapaxes(1, 2)
@@ -174,143 +133,56 @@ def view_rows(group: ObservationGroup, lens: Floats, camera_from_rect: Pose, col
 
 
 @dataclass(frozen=True, eq=False)
-class Layout:
-    """Who meets whom, worked out once for a set of Views.
-
-    A pair is a (node, camera) that share Views; a meeting is two pairs of one node, hence two cameras that the
-    node ties together; a block is where the meetings of two cameras are summed, on the diagonal where they are one.
-    Sums over equal keys run along sorted orders (np.add.reduceat).
-    """
-
-    view_by_camera: "_Sum"
-    view_by_node: "_Sum"
-    view_by_pair: "_Sum"
-    pair_node: Ints
-    pair_camera: Ints
-    pair_by_node: "_Sum"
-    pair_by_camera: "_Sum"
-    meeting_left: Ints
-    meeting_right: Ints
-    meeting_by_block: "_Sum"
-    block_left: Ints
-    block_right: Ints
-    diagonal: Ints
-
-
-@dataclass(frozen=True, eq=False)
-class _Sum:
-    """Sums rows that carry one key: result[keys] = sum of rows; `total` rows in all."""
-
-    order: Ints
-    starts: Ints
-    keys: Ints
-    total: int
-
-    @staticmethod
-    def over(key: Ints, total: int | None = None) -> "_Sum":
-        order = np.argsort(key, kind="stable")
-        ordered = key[order]
-        starts = np.flatnonzero(np.diff(ordered, prepend=-1))
-        keys = ordered[starts]
-        return _Sum(order, starts, keys, len(keys) if total is None else total)
-
-    def __call__(self, rows: Floats) -> Floats:
-        ordered = rows[self.order]
-        # Where no two rows share a key there is nothing to add.
-        alone = len(self.starts) == len(self.order)
-        sums = ordered if alone else np.add.reduceat(ordered, self.starts, axis=0)
-        if len(self.keys) == self.total:
-            return sums
-        result = np.zeros((self.total, *rows.shape[1:]))
-        result[self.keys] = sums
-        return result
-
-
-def layout(observations: Observations) -> Layout:
-    """Work out the sums of a set of Views."""
-    camera, node = observations.camera, observations.node
-    pair_key = node * observations.cameras + camera
-    by_pair = _Sum.over(pair_key)
-    pairs = by_pair.keys
-    pair_keys = _Sum(by_pair.order, by_pair.starts, np.arange(len(pairs)), len(pairs))
-    pair_node, pair_camera = pairs // observations.cameras, pairs % observations.cameras
-    left, right = _meetings(pair_node)
-    blocks = _Sum.over(pair_camera[left] * observations.cameras + pair_camera[right])
-    block = np.divmod(blocks.keys, observations.cameras)
-    return Layout(
-        _Sum.over(camera, observations.cameras),
-        _Sum.over(node, observations.nodes),
-        pair_keys,
-        pair_node,
-        pair_camera,
-        _Sum.over(pair_node, observations.nodes),
-        _Sum.over(pair_camera, observations.cameras),
-        left,
-        right,
-        _Sum(blocks.order, blocks.starts, np.arange(len(blocks.keys)), len(blocks.keys)),
-        *block,
-        np.flatnonzero(block[0] == block[1]),
-    )
-
-
-def _meetings(pair_node: Ints) -> tuple[Ints, Ints]:
-    """All (left <= right) of positions in the sorted pair_node that carry the same node."""
-    _, starts, counts = np.unique(pair_node, return_index=True, return_counts=True)
-    left, right = [], []
-    for size in np.unique(counts):
-        upper_left, upper_right = np.triu_indices(size)
-        of_size = starts[counts == size][:, None]
-        left.append((of_size + upper_left).ravel())
-        right.append((of_size + upper_right).ravel())
-    return (np.concatenate(left), np.concatenate(right)) if left else (np.zeros(0, int), np.zeros(0, int))
-
-
-@dataclass(frozen=True, eq=False)
 class Normal:
-    """The normal equations by blocks: cameras (C, M, M), nodes (N, 6, 6), pairs (Q, M, 6) between them.
+    """The normal equations by blocks: units (E, M, M), nodes (N, 6, 6), pairs (Q, M, 6) between them, and ties (T, M,
+    M) of a camera and a rectangle's pose on its body, which Views share.
 
-    M = K + 6: the lens columns, then the camera's twist in the rig frame; one more, the offset, where clocks are
-    estimated. Gradients point down the cost.
+    A unit is a camera, or the pose of a rectangle on its body that is to be found. M = K + 6: the lens columns, then
+    the camera's twist in the rig frame; one more, the offset, where clocks are estimated. Of a rectangle's pose only
+    its twist in the body's frame is an unknown. Gradients point down the cost.
     """
 
-    cameras: Floats
-    camera_gradient: Floats
+    units: Floats
+    unit_gradient: Floats
     nodes: Floats
     node_gradient: Floats
     pairs: Floats
+    ties: Floats
 
 
-def chain_derivatives(observations: Observations, state: State) -> tuple[Floats, Floats]:
-    """Derivatives of the step of camera_from_rect: by its camera's twist, and clock where one is estimated,
-    (V, 6, 6 or 7), and by its node's twist (V, 6, 6).
-
-    Cameras and rectangles are moved by twists in the rig frame: camera_from_rig @ exp(twist), exp(twist) @
-    rig_from_rect. A cluster of both that turns about a far point so follows its arc, and the twist of a camera is
-    worth the same as that of the rectangles it sees.
-    """
-    rotation = state.camera_from_rig.rotation[observations.camera]
-    by_twist = step_by_inner_twist(rotation, state.rig_from_seen(observations).translation)
-    if state.motion is None or state.offsets is None:
-        return by_twist, by_twist
-    slope = state.motion.slope(state.offsets[observations.camera])
-    parts = [(rotation @ part[..., None])[..., 0] for part in (slope[:, :3], slope[:, 3:])]
-    by_offset = np.concatenate(parts, axis=1)
-    return np.concatenate([by_twist, by_offset[..., None]], axis=-1), by_twist
-
-
-def normal_equations(observations: Observations, layout: Layout, state: State, gram: Floats) -> Normal:
-    """Spread the Gram matrices over camera and rectangle poses by the chain of Eq. 50."""
+def normal_equations(observations: Observations, tables: Tables, state: State, gram: Floats) -> Normal:
+    """Spread the Gram matrices over the poses of cameras, bodies and rectangles on them by the chain of Eq. 50."""
     lens = gram.shape[-1] - 7
-    by_camera, _ = chain_derivatives(observations, state)
-    size = lens + by_camera.shape[-1]
+    chain = chain_derivatives(observations, state)
+    size = lens + chain.by_camera.shape[-1]
     # By the camera's unknowns and the residual; a node's twist moves the View as its camera's does.
     by_unknown = np.zeros((len(gram), lens + 7, size + 1))
     by_unknown[:, range(lens), range(lens)] = 1.0
-    by_unknown[:, lens : lens + 6, lens:size] = by_camera
+    by_unknown[:, lens : lens + 6, lens:size] = chain.by_camera
     by_unknown[:, -1, -1] = 1.0
     spread = np.swapaxes(by_unknown, -1, -2) @ gram @ by_unknown
-    cameras = layout.view_by_camera(spread[:, :size])
     node = [*range(lens, lens + 6), size]
-    nodes = layout.view_by_node(spread[:, lens : lens + 6, node])
-    pairs = layout.view_by_pair(spread[:, :size, lens : lens + 6])
-    return Normal(cameras[:, :, :-1], cameras[:, :, -1], nodes[:, :, :-1], nodes[:, :, -1], pairs)
+    nodes = tables.view_by_node(spread[:, lens : lens + 6, node])
+    of_units, of_pairs, ties = spread[:, :size], spread[:, :size, lens : lens + 6], np.zeros((0, size, size))
+    if len(tables.loose):
+        rows = _layout_rows(gram, by_unknown, chain.by_layout, tables)
+        of_units, of_pairs = np.concatenate([of_units, rows[0]]), np.concatenate([of_pairs, rows[1]])
+        ties = tables.loose_by_tie(rows[2])
+    units, pairs = tables.row_by_unit(of_units), tables.row_by_pair(of_pairs)
+    return Normal(units[:, :, :-1], units[:, :, -1], nodes[:, :, :-1], nodes[:, :, -1], pairs, ties)
+
+
+def _layout_rows(
+    gram: Floats, by_unknown: Floats, by_layout: Floats, tables: Tables
+) -> tuple[Floats, Floats, Floats]:
+    """The part of a rectangle's pose on its body, for the Views (W,) where that is to be found: with itself and the
+    residual (W, M, M + 1), with the node (W, M, 6), and of the camera with it (W, M, M)."""
+    lens, size = gram.shape[-1] - 7, by_unknown.shape[-1] - 1
+    twist, by_layout = slice(lens, lens + 6), by_layout[tables.loose]
+    pulled = np.swapaxes(by_layout, -1, -2) @ gram[tables.loose, twist]
+    with_camera = pulled @ by_unknown[tables.loose]
+    own, nodes = np.zeros((len(pulled), size, size + 1)), np.zeros((len(pulled), size, 6))
+    ties = np.zeros((len(pulled), size, size))
+    own[:, twist, twist], own[:, twist, -1] = pulled[:, :, twist] @ by_layout, pulled[:, :, -1]
+    nodes[:, twist], ties[:, :, twist] = with_camera[:, :, twist], np.swapaxes(with_camera[:, :, :size], -1, -2)
+    return own, nodes, ties

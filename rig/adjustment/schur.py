@@ -1,11 +1,14 @@
-"""Solve the normal equations: rectangle poses eliminated in 6x6 batches, cameras dense or banded."""
+"""Solve the normal equations: poses of bodies eliminated in 6x6 batches, the rest dense or banded.
+
+The rest are units of M unknowns each: cameras, and rectangles' poses on their bodies that are to be found."""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from quadrig.rig.adjustment.normal_equations import Layout, Normal
+from quadrig.rig.adjustment.normal_equations import Normal
+from quadrig.rig.adjustment.tables import Tables
 from quadrig.single.arrays import Floats, Ints, Mask
 
 if TYPE_CHECKING:
@@ -17,7 +20,7 @@ _EMPTY_NODE = 1e-9
 # A banded factorisation costs n b^2 against n^3 / 3: below this share of the size the band wins in practice, since
 # dense blocks run on matrix products.
 _BAND_SHARE = 0.2
-# Beyond so many places for every pair of camera and rectangle pose that met, zeros cost more than they save.
+# Beyond so many places for every pair of unit and body's pose that met, zeros cost more than they save.
 _MOST_EMPTY = 4
 # Below this many unknowns the dense factorisation takes no time worth saving.
 _SMALL_SYSTEM = 400
@@ -25,9 +28,9 @@ _SMALL_SYSTEM = 400
 
 @dataclass(frozen=True, eq=False)
 class Reduced:
-    """The system over the cameras: blocks (B, M, M) at (block_left <= block_right), right-hand side (C, M).
+    """The system over the units: blocks (B, M, M) at (block_left <= block_right), right-hand side (E, M).
 
-    free (C, M): which unknowns are estimated. node_inverse (N, 6, 6): zero for a node that stands fixed.
+    free (E, M): which unknowns are estimated. node_inverse (N, 6, 6): zero for a node that stands fixed.
     """
 
     blocks: Floats
@@ -38,35 +41,36 @@ class Reduced:
     node_inverse: Floats
 
 
-def eliminate(normal: Normal, layout: Layout, free: Mask, free_nodes: Mask, damping: float = 0.0) -> Reduced:
-    """Schur complement on the cameras. damping: share of each diagonal element that is added to it (Marquardt)."""
+def eliminate(normal: Normal, tables: Tables, free: Mask, free_nodes: Mask, damping: float = 0.0) -> Reduced:
+    """Schur complement on the units. damping: share of each diagonal element that is added to it (Marquardt)."""
     inverse = node_inverses(normal, damping)
     inverse[~free_nodes] = 0.0
-    through = normal.pairs @ inverse[layout.pair_node]
-    blocks = -_met(through, normal, layout, len(free))
-    diagonal = layout.diagonal
-    blocks[diagonal] += _damped(normal.cameras, damping)[layout.block_left[diagonal]]
-    pulled = (through @ normal.node_gradient[layout.pair_node][..., None])[..., 0]
-    gradient = normal.camera_gradient - layout.pair_by_camera(pulled)
-    return Reduced(blocks, layout.block_left, layout.block_right, gradient, free, inverse)
+    through = normal.pairs @ inverse[tables.pair_node]
+    blocks = -_met(through, normal, tables, len(free))
+    diagonal = tables.diagonal
+    blocks[diagonal] += _damped(normal.units, damping)[tables.block_left[diagonal]]
+    blocks[tables.tie_block] += normal.ties
+    pulled = (through @ normal.node_gradient[tables.pair_node][..., None])[..., 0]
+    gradient = normal.unit_gradient - tables.pair_by_unit(pulled)
+    return Reduced(blocks, tables.block_left, tables.block_right, gradient, free, inverse)
 
 
-def _met(through: Floats, normal: Normal, layout: Layout, cameras: int) -> Floats:
-    """Blocks (B, M, M): what the rectangle poses tie every two cameras together with."""
+def _met(through: Floats, normal: Normal, tables: Tables, units: int) -> Floats:
+    """Blocks (B, M, M): what the poses of bodies tie every two units together with."""
     nodes, (count, size, _) = len(normal.nodes), normal.pairs.shape
-    if cameras * nodes > _MOST_EMPTY * count:
-        meeting = through[layout.meeting_left] @ np.swapaxes(normal.pairs[layout.meeting_right], -1, -2)
-        return layout.meeting_by_block(meeting)
-    # Where most cameras see most rectangles one large product, zeros and all, is quicker than many small ones.
-    left, right = np.zeros((2, cameras, size, nodes, 6))
-    left[layout.pair_camera, :, layout.pair_node] = through
-    right[layout.pair_camera, :, layout.pair_node] = normal.pairs
-    product = left.reshape(cameras * size, -1) @ right.reshape(cameras * size, -1).T
-    return product.reshape(cameras, size, cameras, size)[layout.block_left, :, layout.block_right]
+    if units * nodes > _MOST_EMPTY * count:
+        meeting = through[tables.meeting_left] @ np.swapaxes(normal.pairs[tables.meeting_right], -1, -2)
+        return tables.meeting_by_block(meeting)
+    # Where most cameras see most bodies one large product, zeros and all, is quicker than many small ones.
+    left, right = np.zeros((2, units, size, nodes, 6))
+    left[tables.pair_unit, :, tables.pair_node] = through
+    right[tables.pair_unit, :, tables.pair_node] = normal.pairs
+    product = left.reshape(units * size, -1) @ right.reshape(units * size, -1).T
+    return product.reshape(units, size, units, size)[tables.block_left, :, tables.block_right]
 
 
 def node_inverses(normal: Normal, damping: float = 0.0) -> Floats:
-    """Inverses (N, 6, 6) of the rectangle poses' own blocks: their covariances, were all cameras known."""
+    """Inverses (N, 6, 6) of the bodies' own blocks: covariances of their poses, were all units known."""
     return np.asarray(np.linalg.inv(_damped(normal.nodes, damping) + _EMPTY_NODE * np.eye(6)), float)
 
 
@@ -76,26 +80,26 @@ def _damped(blocks: Floats, damping: float) -> Floats:
     return blocks * (1 + damping * np.eye(blocks.shape[-1]))
 
 
-def solve_cameras(reduced: Reduced) -> Floats:
-    """The steps (C, M) of lenses and camera poses. Raises numpy.linalg.LinAlgError where they are not determined."""
+def solve_units(reduced: Reduced) -> Floats:
+    """The steps (E, M) of the units. Raises numpy.linalg.LinAlgError where they are not determined."""
     return solve_for(reduced, np.where(reduced.free, reduced.gradient, 0.0).ravel()).reshape(reduced.free.shape)
 
 
 def solve_for(reduced: Reduced, right: Floats) -> Floats:
-    """The reduced system solved for right-hand sides (C M,) or (C M, R)."""
+    """The reduced system solved for right-hand sides (E M,) or (E M, R)."""
     band = band_order(reduced)
     return _solve_dense(reduced, right) if band is None else _solve_banded(reduced, right, *band)
 
 
-def node_steps(normal: Normal, layout: Layout, reduced: Reduced, camera_steps: Floats) -> Floats:
-    """The steps (N, 6) of the rectangle poses that go with steps of the cameras."""
-    pulled = (np.swapaxes(normal.pairs, -1, -2) @ camera_steps[layout.pair_camera][..., None])[..., 0]
-    gradient = normal.node_gradient - layout.pair_by_node(pulled)
+def node_steps(normal: Normal, tables: Tables, reduced: Reduced, unit_steps: Floats) -> Floats:
+    """The steps (N, 6) of the bodies' poses that go with steps of the units."""
+    pulled = (np.swapaxes(normal.pairs, -1, -2) @ unit_steps[tables.pair_unit][..., None])[..., 0]
+    gradient = normal.node_gradient - tables.pair_by_node(pulled)
     return (reduced.node_inverse @ gradient[..., None])[..., 0]
 
 
 def dense_matrix(reduced: Reduced) -> Floats:
-    """The reduced matrix (C M, C M); rows and columns that are not free are those of the unit matrix."""
+    """The reduced matrix (E M, E M); rows and columns that are not free are those of the unit matrix."""
     matrix = _dense(reduced.blocks, reduced.left, reduced.right, len(reduced.free))
     free = reduced.free.ravel()
     matrix[~free] = 0.0
@@ -104,19 +108,19 @@ def dense_matrix(reduced: Reduced) -> Floats:
     return matrix
 
 
-def _dense(blocks: Floats, left: Ints, right: Ints, cameras: int) -> Floats:
+def _dense(blocks: Floats, left: Ints, right: Ints, units: int) -> Floats:
     size = blocks.shape[-1]
-    matrix = np.zeros((cameras, size, cameras, size))
+    matrix = np.zeros((units, size, units, size))
     matrix[left, :, right, :] = blocks
     matrix[right, :, left, :] = np.swapaxes(blocks, -1, -2)
-    return matrix.reshape(cameras * size, cameras * size)
+    return matrix.reshape(units * size, units * size)
 
 
-def block_matrix(blocks: Floats, left: Ints, right: Ints, cameras: int) -> "Floats | scipy.sparse.csr_array":
-    """The symmetric matrix (C M, C M) of blocks (B, M, M) at (left <= right), sparse where it is large."""
+def block_matrix(blocks: Floats, left: Ints, right: Ints, units: int) -> "Floats | scipy.sparse.csr_array":
+    """The symmetric matrix (E M, E M) of blocks (B, M, M) at (left <= right), sparse where it is large."""
     size = blocks.shape[-1]
-    if cameras * size < _SMALL_SYSTEM:
-        return _dense(blocks, left, right, cameras)
+    if units * size < _SMALL_SYSTEM:
+        return _dense(blocks, left, right, units)
     from scipy.sparse import coo_array
 
     off = left != right
@@ -124,41 +128,45 @@ def block_matrix(blocks: Floats, left: Ints, right: Ints, cameras: int) -> "Floa
     row = np.concatenate([left, right[off]])[:, None, None] * size + np.arange(size)[:, None]
     column = np.concatenate([right, left[off]])[:, None, None] * size + np.arange(size)
     at = [axis.ravel() for axis in np.broadcast_arrays(row, column)]
-    return coo_array((values.ravel(), at), shape=(cameras * size, cameras * size)).tocsr()
+    return coo_array((values.ravel(), at), shape=(units * size, units * size)).tocsr()
 
 
 def _solve_dense(reduced: Reduced, right: Floats) -> Floats:
     from scipy.linalg import cho_factor, cho_solve
 
-    matrix = dense_matrix(reduced)
+    free = np.flatnonzero(reduced.free)
+    matrix = _dense(reduced.blocks, reduced.left, reduced.right, len(reduced.free))
+    if len(free) < len(matrix):
+        matrix = matrix[np.ix_(free, free)]
     scale = 1 / np.sqrt(np.maximum(np.diagonal(matrix), np.finfo(float).tiny))
     factor = cho_factor(matrix * scale * scale[:, None], lower=True, check_finite=False)
-    scaled = right * (scale if right.ndim == 1 else scale[:, None])
-    solution = cho_solve(factor, scaled, check_finite=False)
-    return solution * (scale if right.ndim == 1 else scale[:, None])
+    of_right = scale if right.ndim == 1 else scale[:, None]
+    solution = np.zeros_like(right)
+    solution[free] = cho_solve(factor, right[free] * of_right, check_finite=False) * of_right
+    return solution
 
 
 def band_order(reduced: Reduced) -> tuple[Ints, int] | None:
-    """An order of cameras that keeps who meets whom near the diagonal, and its width; None where dense is as good."""
-    cameras, size = reduced.free.shape
-    if cameras * size < _SMALL_SYSTEM:
+    """An order of units that keeps who meets whom near the diagonal, and its width; None where dense is as good."""
+    units, size = reduced.free.shape
+    if units * size < _SMALL_SYSTEM:
         return None
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import reverse_cuthill_mckee
 
     left, right = np.concatenate([reduced.left, reduced.right]), np.concatenate([reduced.right, reduced.left])
-    graph = coo_array((np.ones(len(left)), (left, right)), shape=(cameras, cameras)).tocsr()
-    rank = np.empty(cameras, int)
-    rank[reverse_cuthill_mckee(graph, symmetric_mode=True)] = np.arange(cameras)
+    graph = coo_array((np.ones(len(left)), (left, right)), shape=(units, units)).tocsr()
+    rank = np.empty(units, int)
+    rank[reverse_cuthill_mckee(graph, symmetric_mode=True)] = np.arange(units)
     width = int(np.abs(rank[reduced.left] - rank[reduced.right]).max())
-    return (rank, width) if width < _BAND_SHARE * cameras else None
+    return (rank, width) if width < _BAND_SHARE * units else None
 
 
 def _solve_banded(reduced: Reduced, right: Floats, rank: Ints, width: int) -> Floats:
     from scipy.linalg import solveh_banded
 
-    cameras, size = reduced.free.shape
-    band = np.zeros(((width + 1) * size, cameras * size))
+    units, size = reduced.free.shape
+    band = np.zeros(((width + 1) * size, units * size))
     swap = rank[reduced.left] < rank[reduced.right]
     low = np.where(swap, rank[reduced.right], rank[reduced.left])
     high = np.where(swap, rank[reduced.left], rank[reduced.right])
@@ -182,6 +190,6 @@ def _solve_banded(reduced: Reduced, right: Floats, rank: Ints, width: int) -> Fl
 
 
 def reduced_inverse(reduced: Reduced) -> Floats:
-    """Inverse (C M, C M) of the reduced matrix: the covariance of lenses and camera poses; zero where not free."""
+    """Inverse (E M, E M) of the reduced matrix: the covariance of the units; zero where not free."""
     inverse = solve_for(reduced, np.diag(reduced.free.ravel().astype(float)))
     return (inverse + inverse.T) / 2

@@ -20,7 +20,6 @@ from quadrig.rig.problem.build import Problem
 from quadrig.rig.problem.observations import ObservationGroup, Observations
 from quadrig.rig.sheet_shape import SHAPE_PARAMETERS, shape_basis, shape_covariance
 from quadrig.single.arrays import Floats, Ints
-from quadrig.single.rectangle import Rectangle
 
 _SHAPES = len(SHAPE_PARAMETERS)
 
@@ -30,7 +29,7 @@ class Moves:
     """How the points and pixels of a group of Views move with the errors.
 
     index (V, E): which unknowns act on a View: seven of its sheet, then the tone of its camera, then twice B of its
-    camera's lens, across and down. by_shape (V, P, 7, 3) m: of points, in the frame of the View's node. by_tone
+    camera's lens, across and down. by_shape (V, P, 7, 3) m: of points, in the rectangle's frame. by_tone
     (V, P, T, 2) px, T one or none; by_lens (V, P, B): of a pixel's either coordinate, for one px.
     """
 
@@ -92,8 +91,6 @@ def _with_fields(information: Floats, rows: Ints, variances: Floats, share: Floa
 def systematic_errors(problem: Problem, observations: Observations) -> SystematicErrors:
     """Those of a problem; observations: its Views, in the readings that are chosen."""
     rectangles = list(problem.rectangles.values())
-    number = {name: row for row, name in enumerate(problem.rectangles)}
-    rectangle = np.array([number[view.rectangle] for view in problem.views], int)
     cameras, shapes = observations.cameras, _SHAPES * len(rectangles)
     tones = int(any(view.common is not None for view in problem.views))
     degrees = degrees_of(cameras)
@@ -101,7 +98,7 @@ def systematic_errors(problem: Problem, observations: Observations) -> Systemati
     sizes = np.array([(camera.width, camera.height) for camera in problem.cameras], float)
     moves = []
     for group in observations.groups:
-        own = rectangle[group.view]
+        own = problem.rectangle[group.view]
         parts = [
             _SHAPES * own[:, None] + np.arange(_SHAPES),
             (shapes + group.camera)[:, None] + np.zeros(tones, int),
@@ -109,7 +106,7 @@ def systematic_errors(problem: Problem, observations: Observations) -> Systemati
         ]
         by_shape = np.zeros((*group.points.shape[:2], _SHAPES, 3))
         for row in np.unique(own):
-            by_shape[own == row] = _shape_moves(rectangles[row], group.points[own == row])
+            by_shape[own == row] = shape_basis(rectangles[row], group.points[own == row])
         by_tone = _tone_moves(problem, group) if tones else np.zeros((*group.pixels.shape[:2], 0, 2))
         by_lens = field_basis(degrees, group.pixels, sizes[group.camera][:, None])
         moves.append(Moves(np.concatenate(parts, axis=1), by_shape, by_tone, by_lens))
@@ -119,14 +116,6 @@ def systematic_errors(problem: Problem, observations: Observations) -> Systemati
     share, usual = np.tile(shares_of(degrees), 2), np.array([usual_variance(width) for width in sizes[:, 0]])
     information = _with_fields(information, rows, usual, share)
     return SystematicErrors(tuple(moves), information, rows, sizes[:, 0], share)
-
-
-def _shape_moves(rectangle: Rectangle, points: Floats) -> Floats:
-    """How points (..., 3) in the frame of the node of a rectangle move with its shape: (..., 7, 3)."""
-    pose = rectangle.world_from_rect
-    if pose is None:
-        return shape_basis(rectangle, points)
-    return shape_basis(rectangle, pose.inverse().transform(points)) @ pose.rotation.T
 
 
 def _tone_moves(problem: Problem, group: ObservationGroup) -> Floats:

@@ -7,7 +7,7 @@ import numpy as np
 
 from quadrig.rig.culprits.pictures import in_a_quarter
 from quadrig.rig.doubt.misfit import misses
-from quadrig.rig.problem.build import Problem, build_problem, of_cameras
+from quadrig.rig.problem.build import Problem, of_cameras, rebuilt
 from quadrig.rig.problem.connectivity import components
 from quadrig.rig.result import Rig
 from quadrig.single.arrays import Floats, Ints, Mask
@@ -119,4 +119,4 @@ def _flipped(problem: Problem, name: str, read_so: bool) -> Problem:
         )
 
     views = [turned(view) if view.camera == name else view for view in problem.views]
-    return build_problem(problem.cameras, list(problem.rectangles.values()), views)
+    return rebuilt(problem, views=views)

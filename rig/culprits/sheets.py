@@ -7,7 +7,7 @@ import numpy as np
 
 from quadrig.rig.adjustment.systematic_errors import sheet_values
 from quadrig.rig.joint.clock_rounds import Solved
-from quadrig.rig.problem.build import Problem, build_problem
+from quadrig.rig.problem.build import Problem, rebuilt
 from quadrig.rig.sheet_shape import SHAPE_PARAMETERS
 from quadrig.rig.start.lenses_and_poses import first_cameras
 from quadrig.rig.words import WRONG_SIZE
@@ -150,8 +150,8 @@ class _Rays:
         candidates = first_cameras(_with_found_lenses(solved)).candidates
         view = candidates.view
         rig_from_camera = solved.joint.adjustment.state.camera_from_rig.inverse()[problem.camera[view]]
-        turn = rig_from_camera.rotation @ candidates.camera_from_node.rotation
-        ray = np.einsum("kij,kj->ki", rig_from_camera.rotation, candidates.camera_from_node.translation)
+        turn = rig_from_camera.rotation @ candidates.camera_from_rect.rotation
+        ray = np.einsum("kij,kj->ki", rig_from_camera.rotation, candidates.camera_from_rect.translation)
         return _Rays(view, problem.node[view], problem.camera[view], turn, ray, rig_from_camera.translation)
 
     def factors(self, rows: Ints) -> Floats:
@@ -209,4 +209,4 @@ def resized(problem: Problem, wrong: WrongSize) -> Problem:
         replace(r, scale_sigma=max(r.scale_sigma, loose)) if r.name in (wrong.name, *wrong.rivals) else r
         for r in problem.rectangles.values()
     ]
-    return build_problem(problem.cameras, rectangles, [of_size(view) for view in problem.views])
+    return rebuilt(problem, rectangles=rectangles, views=[of_size(view) for view in problem.views])

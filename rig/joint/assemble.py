@@ -4,9 +4,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from quadrig.rig.adjustment.normal_equations import LENS, residual_squares
-from quadrig.rig.adjustment.systematic_errors import sheet_values
-from quadrig.rig.adjustment.twist_jacobians import step_by_camera_twist, step_by_left_twist
+from quadrig.rig.adjustment.normal_equations import residual_squares
+from quadrig.rig.adjustment.state import LENS
+from quadrig.rig.adjustment.twist_jacobians import step_by_camera_twist
 from quadrig.rig.blas_threads import one_thread
 from quadrig.rig.doubt.student import student_widening
 from quadrig.rig.doubt.weaknesses import weaknesses
@@ -14,13 +14,13 @@ from quadrig.rig.doubt.working_accuracy import accuracy_of, covered_points
 from quadrig.rig.joint.cross_validation import cross_validate
 from quadrig.rig.joint.delivered_lens import DeliveredLenses, delivered_lenses
 from quadrig.rig.joint.known_lenses import with_evidence
+from quadrig.rig.joint.placed import bodies_of, placed_poses, rectangles_of
 from quadrig.rig.joint.stages import Joint
 from quadrig.rig.joint.view_errors import view_error_variances
 from quadrig.rig.joint.widened import widened_covariance, with_weak_focals
 from quadrig.rig.problem.build import Problem
 from quadrig.rig.problem.camera_input import CameraInput
-from quadrig.rig.result import CAMERA_PARAMETERS, Camera, PlacedRectangle, Rig, ViewFit
-from quadrig.rig.sheet_shape import SheetShape
+from quadrig.rig.result import CAMERA_PARAMETERS, Camera, Rig, ViewFit
 from quadrig.rig.start.pose_graph import FirstRig
 from quadrig.single.arrays import Floats, Ints, Mask
 from quadrig.single.lens import LENS_PARAMETERS, project
@@ -74,9 +74,10 @@ def _clock_offsets(joint: Joint) -> Floats:
 
 
 def camera_covariance(joint: Joint, reduced: Floats) -> Floats:
-    """Covariance (15 C, 15 C) as Rig.covariance has it: lenses, and steps of rig_from_camera; from one (C M, C M) of
+    """Covariance (15 C, 15 C) as Rig.covariance has it: lenses, and steps of rig_from_camera; from one (E M, E M) of
     the reduced system."""
-    cameras, size = joint.reduced.free.shape
+    cameras, size = len(joint.adjustment.state.lens), joint.reduced.free.shape[1]
+    reduced = reduced[: cameras * size, : cameras * size]
     columns = joint.adjustment.columns
     parameter = np.concatenate([columns, np.arange(LENS, CAMERA_PARAMETERS)])
     jacobian = step_by_camera_twist(joint.adjustment.state.camera_from_rig.inverse())
@@ -87,53 +88,6 @@ def camera_covariance(joint: Joint, reduced: Floats) -> Floats:
     spread = (block @ reduced.reshape(cameras, size, -1)).reshape(total, cameras, size)
     result = spread.transpose(1, 0, 2) @ block.transpose(0, 2, 1)
     return result.transpose(1, 0, 2).reshape(total, total)
-
-
-def node_covariances(joint: Joint) -> Floats:
-    """Covariance (N, 6, 6) of every rectangle pose: its own Views' doubt, and what the cameras and
-    the sheet's own shape pass on to it."""
-    tables, normal, reduced = joint.adjustment.layout, joint.adjustment.normal, joint.reduced
-    cameras, size = reduced.free.shape
-    passed = reduced.node_inverse[tables.pair_node] @ np.swapaxes(normal.pairs, -1, -2)
-    blocks = joint.covariance.reshape(cameras, size, cameras, size)
-    left, right = tables.meeting_left, tables.meeting_right
-    between = blocks[tables.pair_camera[left], :, tables.pair_camera[right], :]
-    term = passed[left] @ between @ np.swapaxes(passed[right], -1, -2)
-    result = reduced.node_inverse.copy()
-    np.add.at(result, tables.pair_node[left], term)
-    off = left != right
-    np.add.at(result, tables.pair_node[left][off], np.swapaxes(term[off], -1, -2))
-    result += joint.bordered.node_covariances(reduced)
-    step_by_twist = step_by_left_twist(joint.adjustment.state.rig_from_rect)
-    return step_by_twist @ result @ np.swapaxes(step_by_twist, -1, -2)
-
-
-def rectangles_of(problem: Problem, joint: Joint, widening: float = 1.0) -> tuple[PlacedRectangle, ...]:
-    """Every rectangle that was placed; one whose Views were all rejected is not.
-
-    widening: what covariances are multiplied by.
-    """
-    poses, covariances = joint.predicted.rig_from_rect, node_covariances(joint) * widening
-    placed_nodes = {int(n) for n in np.unique(joint.observations.node[~joint.inliers.rejected])}
-    world = next((i for i, node in enumerate(problem.nodes) if node.rectangle == ""), None)
-    names, placed = list(problem.rectangles), []
-    for name, rectangle in problem.rectangles.items():
-        shape = SheetShape(*sheet_values(joint.bordered.values, joint.bordered.covariance, names, name))
-        if rectangle.world_from_rect is not None:
-            if world in placed_nodes and world is not None:
-                pose = poses[world] @ rectangle.world_from_rect
-                placed.append(PlacedRectangle(rectangle, pose, covariances[world], shape=shape))
-            continue
-        own = [i for i, node in enumerate(problem.nodes) if node.rectangle == name and i in placed_nodes]
-        if not own:
-            continue
-        if rectangle.moving:
-            framesets = np.array([problem.nodes[i].frameset for i in own])
-            at = np.array(own)
-            placed.append(PlacedRectangle(rectangle, poses[at], covariances[at], framesets, shape))
-        else:
-            placed.append(PlacedRectangle(rectangle, poses[own[0]], covariances[own[0]], shape=shape))
-    return tuple(placed)
 
 
 def fits_of(problem: Problem, joint: Joint, reading: Ints) -> tuple[ViewFit, ...]:
@@ -178,10 +132,10 @@ def _shift(problem: Problem, index: int, joint: Joint) -> int:
         return 0
     state = joint.adjustment.state
     camera = joint.observations.camera[index]
-    pose = state.camera_from_rig[camera] @ state.rig_from_rect[joint.observations.node[index]]
+    pose = state.camera_from_rig[camera] @ state.rig_from_seen(joint.observations)[index]
     model = problem.cameras[camera].first_lens.model
     with np.errstate(invalid="ignore"):
-        predicted = project(state.lens[camera], pose.transform(problem.points(index)), model)
+        predicted = project(state.lens[camera], pose.transform(view.points), model)
     for shift in (1, 2, 3):
         error = np.linalg.norm(np.roll(view.pixels, shift, axis=0) - predicted, axis=-1)
         # Twice the usual limit: the pose of the rectangle comes from others, this View had no part in it.
@@ -250,14 +204,15 @@ def assemble_rig(
     held_out = _predicted(without.squares, fit)
     view_errors = view_error_variances(problem, joint)
     lenses = delivered_lenses(joint)
-    widened = widened_covariance(joint, without.widening, view_errors) + lenses.by_camera @ lenses.by_camera.T
+    widened = widened_covariance(joint, without.widening, view_errors) + lenses.by_unit @ lenses.by_unit.T
     widened = with_weak_focals(joint, widened)
     student = student_widening(joint.freedom)
     covariance = student * (covariance + camera_covariance(joint, widened - joint.covariance))
     widening = student * float(without.widening.mean())
     cameras = with_figures(cameras_of(problem, joint, lenses), fit, held_out, covariance)
     cameras, contradicted = with_evidence(problem, joint, cameras, covariance)
-    rectangles = rectangles_of(problem, joint, widening)
+    placed = placed_poses(problem, joint, widening, student * widened)
+    rectangles = rectangles_of(problem, joint, placed)
     # Who triangulates with the lenses alone does not know what they leave over.
     remainder = np.nan_to_num([camera.remainder for camera in cameras])
     noise = float(np.hypot(joint.noise, np.sqrt(np.mean(remainder**2))))
@@ -276,6 +231,7 @@ def assemble_rig(
         accuracy.single,
         accuracy.scale,
         costs=joint.costs,
+        bodies=bodies_of(problem, placed),
         dispersion=float(without.widening.mean()),
     )
     return replace(rig, weak=(*contradicted, *weaknesses(rig)))

@@ -5,10 +5,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from quadrig.rig.joint.stages import Contradicted, Joint, solve_jointly
-from quadrig.rig.problem.build import Problem, build_problem
+from quadrig.rig.problem.build import Problem, rebuilt
 from quadrig.rig.start.clock_offsets import RegroupedViews, path_offsets, regroup
 from quadrig.rig.start.lenses_and_poses import FirstCameras, first_cameras
-from quadrig.rig.start.pose_graph import FirstRig, first_rig
+from quadrig.rig.start.pose_graph import FirstRig, first_rig, loose_rectangles
 from quadrig.single.arrays import Floats
 
 # Framesets grouped by clocks that were off by more than this (s) are grouped again: a hand moves a quarter of a mm.
@@ -35,7 +35,7 @@ def solve_with_clocks(problem: Problem, reference: str) -> Solved | Contradicted
     for _ in range(_ROUNDS_OF_CLOCKS):
         alone = first_cameras(problem)
         offsets = None if regrouped is None else regrouped.offsets
-        first, joint = _one_round(problem, alone, reference, offsets)
+        problem, first, joint = _one_round(problem, alone, reference, offsets)
         if isinstance(joint, Contradicted):
             if rounds:
                 break
@@ -54,20 +54,30 @@ def solve_with_clocks(problem: Problem, reference: str) -> Solved | Contradicted
                 return joint
             break
         regrouped = replace(again, offsets=found)
-        problem = build_problem(problem.cameras, list(problem.rectangles.values()), regrouped.views)
+        problem = rebuilt(problem, views=regrouped.views)
     # The better Views are grouped, the less noise is left, and no slack.
     return min(rounds, key=lambda one: (one.joint.adjustment.state.slack is not None, one.joint.noise))
 
 
 def _one_round(
     problem: Problem, alone: FirstCameras, reference: str, offsets: Floats | None
-) -> tuple[FirstRig, Joint | Contradicted]:
+) -> tuple[Problem, FirstRig, Joint | Contradicted]:
     anchor, node = _anchor(problem, reference)
     first = first_rig(problem, alone.candidates, anchor)
+    loose = loose_rectangles(problem, first.together)
+    if loose:
+        # What nothing ties to the rest of its body is a body by itself.
+        rectangles = [replace(one, body=loose.get(one.name, one.body)) for one in problem.rectangles.values()]
+        problem = rebuilt(problem, views=problem.views, rectangles=rectangles)
+        anchor, node = _anchor(problem, reference)
+        first = first_rig(problem, alone.candidates, anchor)
+    if not first.connected.all():
+        names = [camera.name for camera, tied in zip(problem.cameras, first.connected, strict=True) if not tied]
+        return problem, first, Contradicted(tuple(names))
     if node is not None:
         first = _in_node_frame(first, node)
     standing = np.arange(len(problem.cameras)) == (anchor if node is None else -1)
-    return first, solve_jointly(problem, alone, first, standing, fixed_node=node, offsets=offsets)
+    return problem, first, solve_jointly(problem, alone, first, standing, fixed_node=node, offsets=offsets)
 
 
 def _settled(before: Floats | None, after: Floats | None, noise: float, alone: float) -> bool:
@@ -81,7 +91,7 @@ def _settled(before: Floats | None, after: Floats | None, noise: float, alone: f
 def _positions(alone: FirstCameras) -> Floats:
     """The position of each View's rectangle in its camera (V, 3), m, by its likeliest candidate."""
     candidates = alone.candidates
-    return candidates.camera_from_node.translation[np.unique(candidates.view, return_index=True)[1]]
+    return candidates.camera_from_rect.translation[np.unique(candidates.view, return_index=True)[1]]
 
 
 def _anchor(problem: Problem, reference: str) -> tuple[int, int | None]:
@@ -95,10 +105,10 @@ def _anchor(problem: Problem, reference: str) -> tuple[int, int | None]:
 
 
 def _in_node_frame(first: FirstRig, node: int) -> FirstRig:
-    rig_from_node = first.rig_from_node[node]
-    node_from_rig = rig_from_node.inverse()
+    rig_from_body = first.rig_from_body[node]
+    body_from_rig = rig_from_body.inverse()
     return replace(
         first,
-        camera_from_rig=first.camera_from_rig @ rig_from_node,
-        rig_from_node=node_from_rig @ first.rig_from_node,
+        camera_from_rig=first.camera_from_rig @ rig_from_body,
+        rig_from_body=body_from_rig @ first.rig_from_body,
     )

@@ -1,11 +1,10 @@
 """What the fit would have said of framesets that it had not seen, and whether parts of the recording agree.
 
-Each rectangle pose belongs to one fold: framesets a fifth of the recording at a time, so that what a fold shares
+Each pose of a body belongs to one fold: framesets a fifth of the recording at a time, so that what a fold shares
 with its neighbours in time (a clock, a light, a bent board) is held out with it. The reduced normal equations are
-sums over rectangle poses, so holding a fold out is a subtraction: one Newton step gives cameras, shapes of sheets and
-what lenses leave over without it, and
-the fold's own rectangle poses are fitted to them. Equal to a fit without the fold to second order (shown by a test
-against real refits).
+sums over the bodies' poses, so holding a fold out is a subtraction: one Newton step gives cameras, layouts, shapes of
+sheets and what lenses leave over without it, and the fold's own poses of bodies are fitted to them. Equal to a fit
+without the fold to second order (shown by a test against real refits).
 """
 
 from collections.abc import Callable
@@ -15,14 +14,14 @@ import numpy as np
 
 from quadrig.rig.adjustment.bordered import Border, extended_grams
 from quadrig.rig.adjustment.levenberg_marquardt import view_steps
-from quadrig.rig.adjustment.normal_equations import State, layout, linearise, normal_equations
+from quadrig.rig.adjustment.normal_equations import linearise, normal_equations
 from quadrig.rig.adjustment.schur import Reduced, block_matrix, eliminate, node_steps, solve_for
+from quadrig.rig.adjustment.tables import tables_of
 from quadrig.rig.blas_threads import one_thread
 from quadrig.rig.joint.folds import folds_of
 from quadrig.rig.joint.stages import Joint
 from quadrig.rig.problem.build import Problem
-from quadrig.rig.problem.observations import Observations
-from quadrig.single.arrays import Floats, Ints, Mask
+from quadrig.single.arrays import Floats, Mask
 
 # What noise alone explains has the weight of so many numbers, in the figure of all cameras and in each camera's own:
 # folds of a recording are few, and what they disagree on shows in some ten of a camera's numbers.
@@ -56,13 +55,11 @@ def cross_validate(problem: Problem, joint: Joint) -> CrossValidation:
     if count < 2:
         return CrossValidation(np.full(len(fold), np.nan), np.ones(joint.observations.cameras))
     adjustment, free_nodes = joint.adjustment, joint.free.node
-    # A copy of every camera for each fold: then each copy's sums are those of its fold alone, all in one pass.
-    copies = _copied(joint.observations, fold, count)
-    tables = layout(copies)
-    fit, predicted = _copied_state(adjustment.state, count), _copied_state(joint.predicted, count)
+    # A copy of every unit for each fold: then each copy's sums are those of its fold alone, all in one pass.
+    tables = tables_of(joint.observations, fold)
     weighing = adjustment.linearised.gram if adjustment.eliminated is None else adjustment.eliminated.gram
     free = np.tile(joint.reduced.free, (count, 1))
-    normal = normal_equations(copies, tables, fit, weighing)
+    normal = normal_equations(joint.observations, tables, adjustment.state, weighing)
     own = eliminate(normal, tables, free, free_nodes)
     border = joint.bordered.border
     without = [_without(joint, own, number, fold == number) for number in range(count)]
@@ -71,12 +68,12 @@ def cross_validate(problem: Problem, joint: Joint) -> CrossValidation:
     if adjustment.eliminated is not None:
         # What the rig says of the pictures has no View straying: another state, with derivatives of its own.
         gram = linearise(joint.observations, joint.predicted, adjustment.columns, joint.noise).gram
-        normal = normal_equations(copies, tables, predicted, gram)
+        normal = normal_equations(joint.observations, tables, joint.predicted, gram)
     if adjustment.eliminated is not None or not free_nodes.all():
         at_prediction = eliminate(normal, tables, free, np.ones_like(free_nodes))
     followed = (border.passed @ errors.T).reshape(-1, 6, count)[np.arange(len(of_node)), :, of_node]
     poses = node_steps(normal, tables, at_prediction, steps) - followed
-    step = view_steps(copies, predicted, steps, poses, len(adjustment.columns))
+    step = view_steps(joint.observations, tables, joint.predicted, steps, poses, len(adjustment.columns))
     squares = _squares(joint, step, errors[fold])
     squares = squares * (joint.noise * problem.sigmas) ** 2 / problem.shares
     used = np.zeros(len(fold))
@@ -98,41 +95,26 @@ def _squares(joint: Joint, step: Floats, errors: Floats) -> Floats:
     return squares
 
 
-def _copied(observations: Observations, fold: Ints, count: int) -> Observations:
-    return replace(
-        observations,
-        groups=(),
-        camera=observations.camera + fold * observations.cameras,
-        cameras=observations.cameras * count,
-    )
-
-
-def _copied_state(state: State, count: int) -> State:
-    cameras = np.tile(np.arange(len(state.lens)), count)
-    offsets = None if state.offsets is None else state.offsets[cameras]
-    return replace(state, lens=state.lens[cameras], camera_from_rig=state.camera_from_rig[cameras], offsets=offsets)
-
-
 def _without(joint: Joint, own: Reduced, number: int, out: Mask) -> tuple[Floats, Floats]:
-    """Steps (C, M) of the cameras and (U,) of the systematic errors when the Views `out` (V,) of a fold are taken
+    """Steps (E, M) of the units and (U,) of the systematic errors when the Views `out` (V,) of a fold are taken
     from the fit; nan if they must stay.
 
     own: the folds' reduced systems, of which this fold's is taken off the whole.
     """
-    whole, cameras = joint.reduced, joint.observations.cameras
-    chosen = own.left // cameras == number
-    key = own.left[chosen] % cameras * cameras + own.right[chosen] % cameras
+    whole, units = joint.reduced, len(joint.reduced.free)
+    chosen = own.left // units == number
+    key = own.left[chosen] % units * units + own.right[chosen] % units
     blocks = whole.blocks.copy()
-    blocks[np.searchsorted(whole.left * cameras + whole.right, key)] -= own.blocks[chosen]
-    gradient = whole.gradient - own.gradient[number * cameras : (number + 1) * cameras]
+    blocks[np.searchsorted(whole.left * units + whole.right, key)] -= own.blocks[chosen]
+    gradient = whole.gradient - own.gradient[number * units : (number + 1) * units]
     free = whole.free
     if not joint.free.node[joint.observations.node[out]].all():
-        # The rectangle that held the rig frame is held out itself: a camera holds the frame in its stead.
+        # The body that held the rig frame is held out itself: a camera holds the frame in its stead.
         lens = len(joint.adjustment.columns)
         free = free.copy()
         free[0, lens : lens + 6] = False
     border, others = joint.bordered.border, np.arange(len(joint.bordered.border.gradient)) != number
-    ties = border.cameras[others].sum(axis=0) * free.ravel()[:, None]
+    ties = border.units[others].sum(axis=0) * free.ravel()[:, None]
     seen, whole_errors = border.information[others].sum(axis=0), border.information.sum(axis=0)
     # A sheet that only this fold shows keeps its shape, as it keeps its pose: both are its own.
     shown = np.flatnonzero(np.diag(seen) > _SEEN * np.diag(whole_errors))
@@ -159,28 +141,28 @@ def _dispersion(joint: Joint, own: Reduced, share: Floats) -> Floats:
     numbers as it was measured on, times the folds.
     """
     cameras, lens, count = joint.observations.cameras, len(joint.adjustment.columns), len(share)
-    size = len(joint.covariance) // cameras
-    free = joint.reduced.free[:, :lens]
+    units, size = joint.reduced.free.shape
+    free = joint.reduced.free[:cameras, :lens]
     both, each = free[:, :, None] & free[:, None, :], np.arange(cameras)
 
     def of_lens(matrix: Floats) -> Floats:
-        return matrix.reshape(cameras, size, cameras, size)[each, :, each][:, :lens, :lens]
+        return matrix.reshape(units, size, units, size)[each, :, each][:, :lens, :lens]
 
     inverse = np.where(
         both, np.linalg.inv(np.where(both, of_lens(joint.bordered.with_errors(joint.covariance)), np.eye(lens))), 0.0
     )
     covariance = joint.bordered.joint_covariance(joint.covariance)
-    parts = [_of_fold(own, joint.bordered.border, number, cameras, size) for number in range(count)]
+    parts = [_of_fold(own, joint.bordered.border, number, units, size) for number in range(count)]
     gradients = np.array([gradient for gradient, _ in parts])
     moved = [product(covariance) for _, product in parts]
     gradients -= share[:, None] * gradients.sum(axis=0)
-    total, every = cameras * size, sum(moved, np.zeros_like(covariance))
+    total, every = units * size, sum(moved, np.zeros_like(covariance))
     of_all = every - every @ every
     seen, expected, together, by_chance = np.zeros(cameras), np.zeros(cameras), 0.0, 0.0
     for number, own_share in enumerate(share):
         step = covariance @ gradients[number]
         together += float(gradients[number] @ step)
-        of_each = step[:total].reshape(cameras, 1, size)[:, :, :lens]
+        of_each = step[:total].reshape(units, 1, size)[:cameras, :, :lens]
         seen += (of_each @ inverse @ np.swapaxes(of_each, 1, 2))[:, 0, 0]
         # D - D C D of the fold, less twice what it has in common with the sum of all, and that sum's own part.
         spread = moved[number] - moved[number] @ moved[number]
@@ -196,17 +178,17 @@ def _dispersion(joint: Joint, own: Reduced, share: Floats) -> Floats:
 
 
 def _of_fold(
-    own: Reduced, border: Border, number: int, cameras: int, size: int
+    own: Reduced, border: Border, number: int, units: int, size: int
 ) -> tuple[Floats, Callable[[Floats], Floats]]:
-    """The gradient (C M + U,) of a fold, of cameras and systematic errors, and how to multiply its information
-    (C M + U, C M + U) with a matrix."""
-    chosen, total = own.left // cameras == number, cameras * size
-    rows = slice(number * cameras, (number + 1) * cameras)
-    ties = border.cameras[number]
-    of_cameras = block_matrix(own.blocks[chosen], own.left[chosen] % cameras, own.right[chosen] % cameras, cameras)
+    """The gradient (E M + U,) of a fold, of units and systematic errors, and how to multiply its information
+    (E M + U, E M + U) with a matrix."""
+    chosen, total = own.left // units == number, units * size
+    rows = slice(number * units, (number + 1) * units)
+    ties = border.units[number]
+    of_units = block_matrix(own.blocks[chosen], own.left[chosen] % units, own.right[chosen] % units, units)
 
     def product(matrix: Floats) -> Floats:
-        upper = of_cameras @ matrix[:total] + ties @ matrix[total:]
+        upper = of_units @ matrix[:total] + ties @ matrix[total:]
         return np.concatenate([upper, ties.T @ matrix[:total] + border.information[number] @ matrix[total:]])
 
     gradient = np.where(own.free[rows], own.gradient[rows], 0.0).ravel()

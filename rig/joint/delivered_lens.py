@@ -15,24 +15,24 @@ from quadrig.single.arrays import Floats
 
 @dataclass(frozen=True, eq=False)
 class DeliveredLenses:
-    """lens (C, 9): handed out. by_camera (C M, U): as Bordered.by_camera has it, of these lenses. remainder (C,) px:
+    """lens (C, 9): handed out. by_unit (E M, U): as Bordered.by_unit has it, of these lenses. remainder (C,) px:
     of a coordinate, root mean square over the corners, what they leave over; nan where no remainder was looked
     for."""
 
     lens: Floats
-    by_camera: Floats
+    by_unit: Floats
     remainder: Floats
 
 
 def delivered_lenses(joint: Joint) -> DeliveredLenses:
     """The lenses of a joint adjustment with their remainders taken over as far as their models can."""
-    cameras, size = joint.reduced.free.shape
+    cameras, (units, size) = len(joint.errors.lens_rows), joint.reduced.free.shape
     columns, rows = joint.adjustment.columns, joint.errors.lens_rows
     lens = joint.adjustment.state.lens.copy()
     if not rows.size:
-        return DeliveredLenses(lens, joint.bordered.by_camera, np.full(cameras, np.nan))
+        return DeliveredLenses(lens, joint.bordered.by_unit, np.full(len(lens), np.nan))
     model, across, field, weight = _sums(joint)
-    taken = np.zeros((cameras, size, len(joint.values)))
+    taken = np.zeros((units, size, len(joint.values)))
     remainder = np.zeros(cameras)
     for camera in range(cameras):
         free = np.flatnonzero(joint.reduced.free[camera, : len(columns)])
@@ -45,8 +45,8 @@ def delivered_lenses(joint: Joint) -> DeliveredLenses:
         left = own @ field[camera] @ own - 2 * step @ across[camera][free] @ own
         left += step @ model[camera][np.ix_(free, free)] @ step
         remainder[camera] = np.sqrt(max(left, 0.0) / max(weight[camera], np.finfo(float).tiny))
-    by_camera = joint.bordered.by_camera + taken.reshape(cameras * size, -1) @ joint.bordered.root
-    return DeliveredLenses(lens, by_camera, remainder)
+    by_unit = joint.bordered.by_unit + taken.reshape(units * size, -1) @ joint.bordered.root
+    return DeliveredLenses(lens, by_unit, remainder)
 
 
 def _sums(joint: Joint) -> tuple[Floats, Floats, Floats, Floats]:

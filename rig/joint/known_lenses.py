@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from quadrig.rig.adjustment.normal_equations import LENS
 from quadrig.rig.adjustment.priors import lens_evidence
+from quadrig.rig.adjustment.state import LENS
 from quadrig.rig.joint.stages import Joint
 from quadrig.rig.problem.build import Problem
 from quadrig.rig.problem.camera_input import CameraInput

@@ -8,11 +8,12 @@ from quadrig.rig.adjustment.bordered import Bordered, border_of, solve_bordered
 from quadrig.rig.adjustment.levenberg_marquardt import (
     Adjustment,
     FreeParameters,
+    LayoutPrior,
     adjust,
     lens_covariances,
     undamped,
 )
-from quadrig.rig.adjustment.normal_equations import Layout, State, layout, residual_squares
+from quadrig.rig.adjustment.normal_equations import residual_squares
 from quadrig.rig.adjustment.outliers import Inliers, first_noise
 from quadrig.rig.adjustment.priors import (
     ENOUGH_POINTS,
@@ -23,7 +24,9 @@ from quadrig.rig.adjustment.priors import (
     weighed_priors,
 )
 from quadrig.rig.adjustment.schur import Reduced, reduced_inverse
+from quadrig.rig.adjustment.state import State
 from quadrig.rig.adjustment.systematic_errors import SystematicErrors, systematic_errors
+from quadrig.rig.adjustment.tables import Tables, tables_of
 from quadrig.rig.blas_threads import one_thread
 from quadrig.rig.joint.folds import folds_of
 from quadrig.rig.joint.residual_noise import residual_sum, shown_nodes
@@ -89,10 +92,9 @@ class Joint:
     """The end of the joint adjustment.
 
     observations carry the final weights, errors of the final values (U,) taken off; inliers says what was rejected.
-    freedom: the degrees of freedom that noise (px) rests on. covariance (C M, C M) over the columns of the
-    adjustment and the twists of camera_from_rig, without the doubt of the systematic errors; bordered adds that.
-    predicted: the state whose rectangle poses fit the pictures best with no View straying: what the rig says of them,
-    and what residuals are measured from.
+    freedom: the degrees of freedom that noise (px) rests on. covariance (E M, E M) over the units, without the doubt
+    of the systematic errors; bordered adds that. predicted: the state whose rectangle poses fit the pictures best
+    with no View straying: what the rig says of them, and what residuals are measured from.
     """
 
     adjustment: Adjustment
@@ -136,7 +138,7 @@ def solve_jointly(
     observations = problem.observations(first.reading)
     priors = first_priors(problem, alone.lens[:, 0]).holding_focals(alone.real_tilt)
     free = _free_parameters(problem, observations, priors, standing, fixed_node)
-    state = State(alone.lens, first.camera_from_rig, first.rig_from_node, offsets=offsets)
+    state = State(alone.lens, first.camera_from_rig, first.rig_from_body, first.body_from_rect, offsets=offsets)
     robust = _robust_stage(problem, observations, state, alone, first, free)
     if _is_one_given_up(observations, robust.inliers):
         # A camera whose first lens or pose is wrong is brought round by all of its Views under a wider loss, where
@@ -149,7 +151,7 @@ def solve_jointly(
         return contradicted
     used = observations.with_weights(robust.inliers.weights)
     found = adjust(
-        used, robust.adjustment.state, robust.free, robust.noise, most_steps=0, tables=robust.adjustment.layout
+        used, robust.adjustment.state, robust.free, robust.noise, most_steps=0, tables=robust.adjustment.tables
     )
     priors, free = _weighed(problem, priors, robust.free, found)
     return _least_squares_stage(problem, observations, replace(robust, free=free), priors)
@@ -168,7 +170,7 @@ def _robust_stage(
     the loss to begin with, as multiples of the noise's own."""
     if state.offsets is not None:
         state = with_motion(problem, state)
-    tables = layout(observations)
+    tables = tables_of(observations)
     thinned = observations.thinned(ENOUGH_POINTS)
     for width in wider:
         found, _ = _robust(problem, thinned, state, width * alone.noise, first, free, tables, most_rounds=1)
@@ -192,13 +194,14 @@ def _robust(
     noise: float,
     first: FirstRig,
     free: FreeParameters,
-    tables: Layout,
+    tables: Tables,
     most_rounds: int = _NOISE_ROUNDS,
 ) -> tuple[Adjustment, float]:
     """From the first rig on, Views that fit nothing left out until the rig can judge them; with the noise (px)."""
     weights = [np.where(first.agrees[g.view][:, None], g.weights, 0.0) for g in observations.groups]
     trusted = observations.with_weights(weights)
-    unknowns = 6 * float(shown_nodes(trusted).sum() + free.pose.sum()) + float(free.lens.sum())
+    poses = shown_nodes(trusted).sum() + free.pose.sum() + len(free.layouts.information)
+    unknowns = 6 * float(poses) + float(free.lens.sum())
 
     def fit(used: Observations, at: State, sigma: float) -> Adjustment:
         return adjust(used, at, free, sigma, robust=True, most_steps=_ROBUST_STEPS, tables=tables, tolerance=ROUGH)
@@ -239,7 +242,7 @@ def _least_squares_stage(
     rounds = 0
     while True:
         rounds += 1
-        found = adjust(used, state, free, noise, most_steps=_MOST_STEPS, tables=fit.adjustment.layout)
+        found = adjust(used, state, free, noise, most_steps=_MOST_STEPS, tables=fit.adjustment.tables)
         end, before, kinds = _end(errors, values, used, found, free, noise), noise, priors.kinds
         costs, noise = costs + found.costs, noise_of(*end.residuals, problem.expected_noise)
         again = inliers_of(seen, found.linearised.squares, found.state, free, noise)
@@ -260,7 +263,7 @@ def _least_squares_stage(
         # reached is no solution, and the misfit stays in the noise.
         state, values, seen = fit.adjustment.state, np.zeros_like(values), observations
     used = seen.with_weights(inliers.weights)
-    adjustment = adjust(used, state, free, noise, most_steps=_MOST_STEPS, tables=fit.adjustment.layout)
+    adjustment = adjust(used, state, free, noise, most_steps=_MOST_STEPS, tables=fit.adjustment.tables)
     end = _end(errors, values, used, adjustment, free, noise, folds_of(problem))
     noise = noise_of(*end.residuals, problem.expected_noise)
     predicted = without_slack(used, adjustment.state, free, noise)
@@ -301,7 +304,7 @@ def _moved(
 
     def cost(state: State, at: Floats) -> float:
         seen = errors.corrected(observations, at).with_weights(weights)
-        tried = adjust(seen, state, free, noise, most_steps=0, tables=found.layout)
+        tried = adjust(seen, state, free, noise, most_steps=0, tables=found.tables)
         return tried.costs[-1] + float(at @ errors.information @ at)
 
     here, share = cost(found.state, values), 1.0
@@ -317,7 +320,7 @@ def _moved(
 class _End:
     """The end of an adjustment, its reduced system, and what the systematic errors add to it.
 
-    firm, covariance (C M, C M): of the cameras without and with the errors' doubt. residuals: as residual_sum has it.
+    firm, covariance (E M, E M): of the units without and with the errors' doubt. residuals: as residual_sum has it.
     """
 
     adjustment: Adjustment
@@ -370,4 +373,8 @@ def _free_parameters(
     node = np.ones(observations.nodes, bool)
     if fixed_node is not None:
         node[fixed_node] = False
-    return FreeParameters(estimated_lenses(problem), ~standing, node, priors.mean, priors.information)
+    found = problem.layouts.found
+    layouts = LayoutPrior(problem.layouts.given[:found], problem.layouts.information[:found])
+    return FreeParameters(
+        estimated_lenses(problem), ~standing, node, priors.mean, priors.information, layouts=layouts
+    )

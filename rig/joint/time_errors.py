@@ -6,10 +6,10 @@ import numpy as np
 
 from quadrig.rig.adjustment.levenberg_marquardt import Adjustment, FreeParameters, adjust
 from quadrig.rig.adjustment.motion import motion
-from quadrig.rig.adjustment.normal_equations import State, chain_derivatives
 from quadrig.rig.adjustment.outliers import Inliers, find_outliers, robust_noise
 from quadrig.rig.adjustment.schur import node_inverses
 from quadrig.rig.adjustment.slack import SlackPrior, learned, slack_variances, strays
+from quadrig.rig.adjustment.state import State, chain_derivatives
 from quadrig.rig.problem.build import Problem
 from quadrig.rig.problem.observations import Observations
 from quadrig.single.arrays import Floats, Mask
@@ -54,11 +54,10 @@ def fit_time_errors(
 ) -> tuple[Adjustment, FreeParameters]:
     """The fit with slack for the Views of moving rectangles and the offsets of the cameras' clocks, the width of the
     slack learned; without slack where it is not needed."""
-    moving = _shows_moving(problem)
-    if not moving.any():
+    if not problem.moving.any():
         return found, free
-    slack_prior = SlackPrior.wide(moving, _FIRST_SLACK)
-    state, tables = found.state, found.layout
+    slack_prior = SlackPrior.wide(problem.moving, _FIRST_SLACK)
+    state, tables = found.state, found.tables
     for _ in range(_SLACK_ROUNDS):
         free = replace(free, slack=slack_prior)
         found = adjust(observations, state, free, noise, robust=True, most_steps=3, tables=tables, tolerance=_ROUGH)
@@ -74,7 +73,7 @@ def fit_time_errors(
 def _learned_prior(observations: Observations, found: Adjustment, slack_prior: SlackPrior) -> SlackPrior:
     assert found.eliminated is not None
     assert found.state.slack is not None
-    _, by_node = chain_derivatives(observations, found.state)
+    by_node = chain_derivatives(observations, found.state).by_node
     covariance = node_inverses(found.normal)[observations.node]
     variances = slack_variances(found.eliminated, by_node, covariance)
     return learned(found.state.slack, variances, slack_prior)
@@ -83,7 +82,7 @@ def _learned_prior(observations: Observations, found: Adjustment, slack_prior: S
 def with_motion(problem: Problem, state: State) -> State:
     """The state with the motion of rectangles that its poses show, where frames are close enough to show any."""
     offsets = np.zeros(len(state.lens)) if state.offsets is None else state.offsets
-    moved = motion(problem, state.rig_from_rect, offsets)
+    moved = motion(problem, state.rig_from_body, offsets)
     if moved is None:
         return state
     return replace(state, motion=moved, offsets=offsets)
@@ -94,7 +93,7 @@ def without_slack(used: Observations, state: State, free: FreeParameters, noise:
     if state.slack is None:
         return state
     still = np.zeros(used.cameras, bool)
-    fixed = replace(free, lens=np.zeros_like(free.lens), pose=still, slack=None)
+    fixed = replace(free, lens=np.zeros_like(free.lens), pose=still, slack=None, is_layout_free=False)
     firm = replace(state, slack=None)
     if state.motion is None:
         return adjust(used, firm, fixed, noise).state
@@ -111,7 +110,7 @@ def _without_need(
     inliers = inliers_of(observations, found.linearised.squares, found.state, free, noise)
     kept = observations.with_weights(inliers.weights)
     state = replace(found.state, slack=None)
-    tried = adjust(kept, state, firm, noise, robust=True, most_steps=12, tables=found.layout, tolerance=_ROUGH)
+    tried = adjust(kept, state, firm, noise, robust=True, most_steps=12, tables=found.tables, tolerance=_ROUGH)
     quiet = robust_noise(kept, tried.linearised.squares) < _EXPLAINED * noise
     inliers = find_outliers(observations, tried.linearised.squares, noise)
     outvoted = _outvoted(problem, observations, inliers, _MAJORITY)
@@ -123,12 +122,6 @@ def _outvoted(problem: Problem, observations: Observations, inliers: Inliers, sh
 
     Only of rectangles that move: what stands still looks the same at every instant, and no clock explains it.
     """
-    moving = _shows_moving(problem)
-    seen = np.bincount(observations.camera, moving, observations.cameras)
-    lost = np.bincount(observations.camera, inliers.rejected & moving, observations.cameras)
+    seen = np.bincount(observations.camera, problem.moving, observations.cameras)
+    lost = np.bincount(observations.camera, inliers.rejected & problem.moving, observations.cameras)
     return lost > share * seen
-
-
-def _shows_moving(problem: Problem) -> Mask:
-    """Which Views (V,) are of rectangles that move."""
-    return np.array([problem.rectangles[view.rectangle].moving for view in problem.views])

@@ -7,8 +7,8 @@ component by the method of moments), with no threshold: where there is none, non
 
 import numpy as np
 
-from quadrig.rig.adjustment.normal_equations import chain_derivatives
 from quadrig.rig.adjustment.schur import node_inverses
+from quadrig.rig.adjustment.state import chain_derivatives
 from quadrig.rig.joint.residual_noise import shown_nodes
 from quadrig.rig.joint.stages import Joint
 from quadrig.rig.problem.build import Problem
@@ -27,8 +27,7 @@ def view_error_variances(problem: Problem, joint: Joint) -> Floats:
     if joint.adjustment.eliminated is not None:
         # The slack of Views is in the fit already.
         return variances
-    moving = np.array([problem.rectangles[view.rectangle].moving for view in problem.views])
-    for kind in (moving, ~moving):
+    for kind in (problem.moving, ~problem.moving):
         chosen = kind & ~joint.inliers.rejected
         if chosen.any():
             variances[kind] = _of_kind(joint, chosen)[problem.camera[kind]]
@@ -58,7 +57,7 @@ def _moments(joint: Joint, chosen: Mask) -> tuple[Floats, Floats, Floats]:
     lens = len(adjustment.columns)
     gram = adjustment.linearised.gram[chosen]
     own, gradient = gram[:, lens : lens + 6, lens : lens + 6], gram[:, lens : lens + 6, -1]
-    _, by_node = chain_derivatives(observations, adjustment.state)
+    by_node = chain_derivatives(observations, adjustment.state).by_node
     inverse = node_inverses(adjustment.normal)[observations.node[chosen]]
     moved = by_node[chosen] @ inverse @ np.swapaxes(by_node[chosen], 1, 2)
     # What the fit of the rectangle poses leaves of a View's error; that of the cameras takes its share of all. One

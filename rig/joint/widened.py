@@ -1,10 +1,11 @@
 """The covariance of the cameras where the noise of each camera's pictures, and of each View, is its own."""
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from quadrig.rig.adjustment.levenberg_marquardt import Adjustment, FreeParameters
+from quadrig.rig.adjustment.levenberg_marquardt import Adjustment, FreeParameters, with_prior
 from quadrig.rig.adjustment.normal_equations import normal_equations
 from quadrig.rig.adjustment.schur import Reduced, block_matrix
 from quadrig.rig.joint.stages import Joint
@@ -16,7 +17,7 @@ if TYPE_CHECKING:
 
 
 def widened_covariance(joint: Joint, widening: Floats, view_errors: Floats) -> Floats:
-    """Covariance (C M, C M) of the least-squares solution where the variance of camera c's pixels is widening[c] (C,)
+    """Covariance (E M, E M) of the least-squares solution where the variance of camera c's pixels is widening[c] (C,)
     times what the fit took it for, and each View has an error of its own, of variances view_errors (V, 6): C V C,
     with C the fit's covariance and V that of its reduced gradient.
 
@@ -39,8 +40,8 @@ def gradient_covariance(
     widening: Floats,
     view_errors: Floats,
 ) -> "Floats | scipy.sparse.csr_array":
-    """Covariance (C M, C M) of the reduced gradient at the end of an adjustment, for such noise and errors."""
-    tables, columns = found.layout, len(found.columns)
+    """Covariance (E M, E M) of the reduced gradient at the end of an adjustment, for such noise and errors."""
+    tables, columns = found.tables, len(found.columns)
     gram = found.linearised.gram if found.eliminated is None else found.eliminated.gram
     step = gram[:, columns : columns + 6]
     spread = gram * widening[observations.camera][:, None, None]
@@ -51,19 +52,19 @@ def gradient_covariance(
     back = np.swapaxes(through[right], -1, -2)
     met = through[left] @ (noisy.nodes[tables.pair_node[left]] @ back - np.swapaxes(noisy.pairs[right], -1, -2))
     blocks = tables.meeting_by_block(met - noisy.pairs[left] @ back)
-    own = noisy.cameras
-    own[:, :columns, :columns] += free.information[:, found.columns[:, None], found.columns]
+    own = with_prior(noisy, replace(found.state, offsets=None), free, found.columns).units
     blocks[tables.diagonal] += own[tables.block_left[tables.diagonal]]
-    return block_matrix(blocks, tables.block_left, tables.block_right, observations.cameras)
+    blocks[tables.tie_block] += noisy.ties
+    return block_matrix(blocks, tables.block_left, tables.block_right, tables.units)
 
 
 def with_weak_focals(joint: Joint, covariance: Floats) -> Floats:
-    """The covariance (C M, C M) with the focals as unsure as the real tilts of their Views leave them, all that hangs
+    """The covariance (E M, E M) with the focals as unsure as the real tilts of their Views leave them, all that hangs
     on them following."""
-    cameras, share = joint.observations.cameras, joint.priors.focal_share
+    share = joint.priors.focal_share
     covariance = covariance.copy()
     for camera in np.flatnonzero(share < 1):
-        focal = camera * (len(covariance) // cameras)
+        focal = camera * joint.reduced.free.shape[1]
         if covariance[focal, focal] > 0:
             along = covariance[:, focal] / np.sqrt(covariance[focal, focal])
             covariance += (1 / share[camera] - 1) * np.outer(along, along)

@@ -1,5 +1,6 @@
 """Views, cameras and rectangles by number: sorted by name, so that no result depends on the order they came in."""
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -8,8 +9,9 @@ from math import isinf
 import numpy as np
 
 from quadrig.rig.problem.camera_input import CameraInput
-from quadrig.rig.problem.observations import Observations, pack
-from quadrig.single.arrays import Floats, Ints
+from quadrig.rig.problem.layouts import Layouts, body_of, check_bodies, layouts_of
+from quadrig.rig.problem.observations import Joins, Observations, pack
+from quadrig.single.arrays import Floats, Ints, Mask
 from quadrig.single.errors import QuadrigError
 from quadrig.single.lens import LensModel
 from quadrig.single.rectangle import Rectangle
@@ -27,18 +29,19 @@ _FARTHEST = 1e7
 
 @dataclass(frozen=True, eq=False)
 class Node:
-    """One pose to be found of a rectangle: a static one, a moving one at a frameset, or the surveyed world.
+    """One pose to be found of a body: the only one where it stands still, one for each frameset where it moves.
 
-    rectangle: its name, or "" for the world that all surveyed rectangles share. frameset: -1 where static.
+    body: its name, which is the rectangle's where that is a body by itself. frameset: -1 where it stands still.
     """
 
-    rectangle: str
+    body: str
     frameset: int = -1
 
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """What is to be solved. camera, node (V,): of each View; points: each View's readings in its node's frame."""
+    """What is to be solved. camera, node, rectangle (V,): of each View, by number. layouts: where rectangles stand on
+    their bodies; frame: a rectangle that is to be the frame of its body, if one is."""
 
     cameras: tuple[CameraInput, ...]
     rectangles: dict[str, Rectangle]
@@ -46,12 +49,9 @@ class Problem:
     nodes: tuple[Node, ...]
     camera: Ints
     node: Ints
-
-    def points(self, view: int, reading: int = 0) -> Floats:
-        """Points (P, 3) of a View's reading in the frame of its node: the rectangle's own, or the world's."""
-        rectangle = self.rectangles[self.views[view].rectangle]
-        points = self.views[view].readings[reading]
-        return points if rectangle.world_from_rect is None else rectangle.world_from_rect.transform(points)
+    rectangle: Ints
+    layouts: Layouts
+    frame: str | None = None
 
     @cached_property
     def sigmas(self) -> Floats:
@@ -72,9 +72,7 @@ class Problem:
 
         Repeats average out what is random in a corner, not what is systematic (blur, print, the grid of pixels).
         """
-        number = {name: index for index, name in enumerate(self.rectangles)}
-        rectangle = np.array([number[view.rectangle] for view in self.views], int)
-        key = (self.node * len(number) + rectangle) * len(self.cameras) + self.camera
+        key = (self.node * len(self.rectangles) + self.rectangle) * len(self.cameras) + self.camera
         _, inverse, count = np.unique(key, return_inverse=True, return_counts=True)
         repeats = count[inverse]
         return np.minimum(repeats, _MOST_REPEATS) / repeats
@@ -85,55 +83,88 @@ class Problem:
         return [camera.first_lens.model for camera in self.cameras]
 
     def frame_node(self, rectangle: str) -> int | None:
-        """The node whose frame is that of a static rectangle, the world's where it is surveyed; None if not seen."""
+        """The node of the body of a rectangle that stands still: its frame is the rectangle's, or the body's where
+        poses on that are given; None if not seen."""
         key = _node_key(self.rectangles[rectangle], -1)
-        return next((i for i, node in enumerate(self.nodes) if (node.rectangle, node.frameset) == key), None)
+        return next((i for i, node in enumerate(self.nodes) if (node.body, node.frameset) == key), None)
+
+    @cached_property
+    def moving(self) -> Mask:
+        """Which Views (V,) are of rectangles that move."""
+        return np.array([rectangle.moving for rectangle in self.rectangles.values()], bool)[self.rectangle]
+
+    @cached_property
+    def joins(self) -> Joins:
+        """What each View joins."""
+        layout = self.layouts.number[self.rectangle]
+        return Joins(self.camera, self.node, len(self.cameras), len(self.nodes), layout, self.layouts.found)
 
     def observations(self, readings: Ints | None = None) -> Observations:
         """The Views as arrays, each in the reading (V,) that is chosen."""
         chosen = np.zeros(len(self.views), int) if readings is None else readings
         return pack(
-            [self.points(index, reading) for index, reading in enumerate(chosen)],
+            [view.readings[reading] for view, reading in zip(self.views, chosen, strict=True)],
             [view.pixels for view in self.views],
             self.sigmas,
             self.shares,
-            self.camera,
-            self.node,
+            self.joins,
             self.models,
-            len(self.nodes),
         )
 
 
-def build_problem(cameras: Sequence[CameraInput], rectangles: Sequence[Rectangle], views: Sequence[View]) -> Problem:
-    """Number everything. Views of too few points are ignored, and those of absurd_views.
+def build_problem(
+    cameras: Sequence[CameraInput],
+    rectangles: Sequence[Rectangle],
+    views: Sequence[View],
+    frame: str | None = None,
+) -> Problem:
+    """Number everything. Views of too few points are ignored, and those of absurd_views. frame: a rectangle that is
+    to be the frame of its body.
 
-    Raises QuadrigError where names repeat, or a View names what is not there or holds broken numbers.
+    Raises QuadrigError where names repeat, a body's rectangles do not fit each other, or a View names what is not
+    there or holds broken numbers.
     """
     for what, names in (("camera", [c.name for c in cameras]), ("rectangle", [r.name for r in rectangles])):
         repeated = sorted({name for name in names if names.count(name) > 1}) if len(set(names)) < len(names) else []
         if repeated:
             raise QuadrigError(f"{what} {repeated[0]!r} is given twice; every {what} needs a name of its own")
     by_name = {r.name: r for r in sorted(rectangles, key=lambda r: r.name)}
+    check_bodies(rectangles)
     known = {c.name for c in cameras}
     _check(views, known, by_name)
     absurd = {id(view) for view in absurd_views(views)}
     usable = [v for v in views if len(v.pixels) >= _FEWEST_POINTS and id(v) not in absurd]
-    return _problem(tuple(sorted(cameras, key=lambda c: c.name)), by_name, usable)
+    return _problem(tuple(sorted(cameras, key=lambda c: c.name)), by_name, usable, frame)
+
+
+def rebuilt(
+    problem: Problem,
+    *,
+    views: Sequence[View],
+    cameras: Sequence[CameraInput] | None = None,
+    rectangles: Sequence[Rectangle] | None = None,
+) -> Problem:
+    """The problem of other Views, and of other cameras or rectangles where these are given."""
+    return build_problem(
+        problem.cameras if cameras is None else cameras,
+        list(problem.rectangles.values()) if rectangles is None else rectangles,
+        views,
+        problem.frame,
+    )
 
 
 def of_cameras(problem: Problem, kept: Sequence[int]) -> Problem:
     """The part of a problem that some cameras (indices) make."""
     if len(kept) == len(problem.cameras):
         return problem
-    names = {problem.cameras[i].name for i in kept}
-    return build_problem(
-        [problem.cameras[i] for i in kept],
-        list(problem.rectangles.values()),
-        [view for view in problem.views if view.camera in names],
-    )
+    cameras = [problem.cameras[i] for i in kept]
+    names = {camera.name for camera in cameras}
+    return rebuilt(problem, cameras=cameras, views=[view for view in problem.views if view.camera in names])
 
 
-def _problem(cameras: tuple[CameraInput, ...], rectangles: dict[str, Rectangle], views: Sequence[View]) -> Problem:
+def _problem(
+    cameras: tuple[CameraInput, ...], rectangles: dict[str, Rectangle], views: Sequence[View], frame: str | None
+) -> Problem:
     ordered = tuple(
         sorted(views, key=lambda v: (v.rectangle, v.frameset, v.camera, v.pixels.tobytes(), v.points.tobytes()))
     )
@@ -141,6 +172,7 @@ def _problem(cameras: tuple[CameraInput, ...], rectangles: dict[str, Rectangle],
     distinct = sorted(set(keys))
     node_index = {key: index for index, key in enumerate(distinct)}
     camera_index = {c.name: index for index, c in enumerate(cameras)}
+    rectangle_index = {name: index for index, name in enumerate(rectangles)}
     return Problem(
         cameras,
         rectangles,
@@ -148,6 +180,9 @@ def _problem(cameras: tuple[CameraInput, ...], rectangles: dict[str, Rectangle],
         tuple(Node(*key) for key in distinct),
         np.array([camera_index[v.camera] for v in ordered], int),
         np.array([node_index[key] for key in keys], int),
+        np.array([rectangle_index[v.rectangle] for v in ordered], int),
+        layouts_of(rectangles, Counter(v.rectangle for v in ordered), frame),
+        frame,
     )
 
 
@@ -166,9 +201,7 @@ def absurd_sentence(view: View) -> str:
 
 
 def _node_key(rectangle: Rectangle, frameset: int) -> tuple[str, int]:
-    if rectangle.world_from_rect is not None:
-        return ("", -1)
-    return (rectangle.name, frameset if rectangle.moving else -1)
+    return (body_of(rectangle), frameset if rectangle.moving else -1)
 
 
 def _check(views: Sequence[View], cameras: set[str], rectangles: dict[str, Rectangle]) -> None:

@@ -73,7 +73,7 @@ def _sentence(problem: Problem, camera: int, group: list[int], kept: list[int]) 
     joined = f" (only with {', '.join(company)})" if company else ""
     near, rectangle, gap = _nearest(problem, camera, kept)
     if rectangle is None:
-        wanted = sorted({problem.nodes[n].rectangle for n in own} - {""}) or sorted(problem.rectangles)
+        wanted = sorted({problem.views[i].rectangle for i in np.flatnonzero(problem.camera == camera)})
         return (
             f"{name} shares no rectangle with {others}{joined}; "
             f"hold {wanted[0]!r} where {name} and {near} see it at once"

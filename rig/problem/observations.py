@@ -1,4 +1,4 @@
-"""Views laid out as arrays: which camera, which rectangle pose, which points, padded so that no loop is needed."""
+"""Views laid out as arrays: which camera, which pose of a body, which points, padded so that no loop is needed."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -15,7 +15,7 @@ _MODELS: tuple[LensModel, ...] = ("pinhole", "fisheye")
 class ObservationGroup:
     """Views of one lens model, padded to one number of points.
 
-    view, camera, node (V,): index of the View, of its camera, of the rectangle pose (node) it sees.
+    view, camera, node (V,): index of the View, of its camera, of the body's pose (node) it sees.
     points (V, P, 3) metres in the rectangle's frame, pixels (V, P, 2), weights (V, P): share/sigma^2 of a pixel
     coordinate, zero where padded or rejected. share (V,): what a View counts for, below one where it repeats others.
     """
@@ -58,19 +58,55 @@ class ObservationGroup:
 
 
 @dataclass(frozen=True, eq=False)
-class Observations:
-    """All Views of a problem. camera, node (V,) say what each View joins; there are `cameras` and `nodes` of them."""
+class Joins:
+    """What each View joins: camera, node (V,), of which there are `cameras` and `nodes`; layout (V,): the row of its
+    rectangle's pose on its body, -1 where it is the body's frame; the first `found` of these rows are to be found."""
 
-    groups: tuple[ObservationGroup, ...]
     camera: Ints
     node: Ints
     cameras: int
     nodes: int
+    layout: Ints
+    found: int = 0
+
+    @staticmethod
+    def alone(camera: Ints, cameras: int) -> "Joins":
+        """Every View with a pose of its own."""
+        views = len(camera)
+        return Joins(camera, np.arange(views), cameras, views, np.full(views, -1))
+
+
+@dataclass(frozen=True, eq=False)
+class Observations:
+    """All Views of a problem, and what each of them joins."""
+
+    groups: tuple[ObservationGroup, ...]
+    joins: Joins
+
+    @property
+    def camera(self) -> Ints:
+        """The camera (V,) of each View."""
+        return self.joins.camera
+
+    @property
+    def node(self) -> Ints:
+        """The body's pose (V,) that each View sees."""
+        return self.joins.node
+
+    @property
+    def cameras(self) -> int:
+        """How many cameras there are."""
+        return self.joins.cameras
+
+    @property
+    def nodes(self) -> int:
+        """How many poses of bodies there are."""
+        return self.joins.nodes
 
     def with_weights(self, weights: Sequence[Floats]) -> "Observations":
         """The same Views with other weights, one array a group."""
         groups = tuple(replace(g, weights=w) for g, w in zip(self.groups, weights, strict=True))
-        return Observations(groups, self.camera, self.node, self.cameras, self.nodes)
+        return replace(self, groups=groups)
 
     def only(self, chosen: Mask) -> "Observations":
         """The chosen (V,) Views alone; all keep their numbers."""
@@ -79,12 +115,12 @@ class Observations:
             rows = np.flatnonzero(chosen[g.view])
             if len(rows):
                 groups.append(g.part(rows))
-        return Observations(tuple(groups), self.camera, self.node, self.cameras, self.nodes)
+        return replace(self, groups=tuple(groups))
 
     def thinned(self, most: int) -> "Observations":
         """The same Views with at most so many points each, spread evenly over the order of those they have."""
         groups = tuple(g if g.weights.shape[1] <= most else _thinned(g, most) for g in self.groups)
-        return Observations(groups, self.camera, self.node, self.cameras, self.nodes)
+        return replace(self, groups=groups)
 
     @property
     def count(self) -> float:
@@ -111,12 +147,11 @@ def pack(
     pixels: Sequence[Floats],
     sigma: Floats,
     share: Floats,
-    camera: Ints,
-    node: Ints,
+    joins: Joins,
     models: Sequence[LensModel],
-    nodes: int,
 ) -> Observations:
     """Lay Views out in groups of like size. One entry a View, but `models`: one a camera."""
+    camera, node = joins.camera, joins.node
     sizes = np.array([len(p) for p in pixels], int)
     padded = 4 * np.ceil(sizes / 4).astype(int) if len(sizes) and sizes.max() <= 16 else _padded_sizes(sizes)
     every_point = np.concatenate([np.zeros((0, 3)), *points])
@@ -134,7 +169,7 @@ def pack(
             weights = np.where(real, (share[view] / sigma[view] ** 2)[:, None], 0.0)
             located = every_point[index], every_pixel[index], weights
             groups.append(ObservationGroup(view, camera[view], node[view], *located, share[view], model))
-    return Observations(tuple(groups), np.asarray(camera), np.asarray(node), len(models), nodes)
+    return Observations(tuple(groups), joins)
 
 
 def _padded_sizes(sizes: Ints) -> Ints:

@@ -14,7 +14,7 @@ from quadrig.rig.problem.build import Problem, build_problem
 from quadrig.rig.problem.camera_input import CameraInput
 from quadrig.rig.problem.connectivity import components, connected_groups
 from quadrig.rig.start.lenses_and_poses import Candidates, first_cameras
-from quadrig.rig.start.pose_graph import disagreement, sigmas
+from quadrig.rig.start.relative_poses import disagreement, sigmas
 from quadrig.single.arrays import Floats, Ints
 from quadrig.single.pose import Pose
 from quadrig.single.rectangle import Rectangle
@@ -89,9 +89,9 @@ def _alike(candidates: Candidates, best: Ints, nodes: Ints, left: dict[int, int]
 
 def _spread(candidates: Candidates, left: Ints, right: Ints) -> float:
     """How far apart (sigmas, in the middle) the relative poses lie that these rows of two cameras give."""
-    poses = candidates.camera_from_node[left] @ candidates.camera_from_node[right].inverse()
+    poses = candidates.camera_from_rect[left] @ candidates.camera_from_rect[right].inverse()
     rotation, translation = sigmas(candidates)
-    distance = np.linalg.norm(candidates.camera_from_node.translation[left], axis=-1)
+    distance = np.linalg.norm(candidates.camera_from_rect.translation[left], axis=-1)
     turned = np.hypot(rotation[left], rotation[right])
     moved = np.sqrt(translation[left] ** 2 + translation[right] ** 2 + (distance * rotation[right]) ** 2)
     return _middle(poses, turned, moved)

@@ -16,16 +16,17 @@ from quadrig.rig.adjustment.levenberg_marquardt import (
     undamped,
     with_prior,
 )
-from quadrig.rig.adjustment.normal_equations import State, linearise, normal_equations
+from quadrig.rig.adjustment.normal_equations import linearise, normal_equations
 from quadrig.rig.adjustment.outliers import LEAST_NOISE, first_noise
 from quadrig.rig.adjustment.priors import ENOUGH_POINTS, ROUGH, estimated_lenses, first_priors
 from quadrig.rig.adjustment.schur import reduced_inverse
+from quadrig.rig.adjustment.state import State
 from quadrig.rig.problem.build import Problem
-from quadrig.rig.problem.observations import Observations, pack
+from quadrig.rig.problem.observations import Joins, Observations, pack
 from quadrig.single.arrays import Floats, Ints, Mask
 from quadrig.single.lens import image_middle, unproject
 from quadrig.single.lens_prior import usual_focal
-from quadrig.single.pose import Pose, compose_jacobians
+from quadrig.single.pose import Pose
 from quadrig.single.rectangle import rectangle_corners
 from quadrig.single.rotation import nearest_rotation
 from quadrig.single.solve.closed_form import closed_form
@@ -56,13 +57,13 @@ _LEAST_INFORMATION = 1e-9
 class Candidates:
     """What each View says by itself: one row for each reading and twin.
 
-    view, reading (K,): whose they are. camera_from_node: a batch (K,). covariance (K, 6, 6) of its step,
+    view, reading (K,): whose they are. camera_from_rect: a batch (K,). covariance (K, 6, 6) of its step,
     with the doubt of its camera's lens. cost (K,): chi-square above the View's likeliest candidate.
     """
 
     view: Ints
     reading: Ints
-    camera_from_node: Pose
+    camera_from_rect: Pose
     covariance: Floats
     cost: Floats
 
@@ -96,10 +97,8 @@ def views_alone(problem: Problem) -> Observations:
         [v.pixels for v in views],
         problem.sigmas,
         problem.shares,
-        problem.camera,
-        np.arange(len(views)),
+        Joins.alone(problem.camera, len(problem.cameras)),
         problem.models,
-        len(views),
     )
 
 
@@ -216,12 +215,12 @@ def _refine(problem: Problem, observations: Observations, lens: Floats, poses: P
     by_lens = covariance @ gram[:, pose, :lens_size]
     own = _lens_covariances(observations, found, free, gram)[observations.camera]
     lens_doubt = by_lens @ own @ np.swapaxes(by_lens, -1, -2)
-    return _Alone(found.state.lens, seen, found.state.rig_from_rect, covariance, cost, lens_doubt)
+    return _Alone(found.state.lens, seen, found.state.rig_from_body, covariance, cost, lens_doubt)
 
 
 def _lens_covariances(observations: Observations, found: Adjustment, free: FreeParameters, gram: Floats) -> Floats:
     """(C, K, K) of the lens columns, the cameras each by itself."""
-    normal = normal_equations(observations, found.layout, found.state, gram)
+    normal = normal_equations(observations, found.tables, found.state, gram)
     weighed = replace(found, normal=with_prior(normal, found.state, free, found.columns))
     reduced = undamped(weighed, free)
     covariance = lens_covariances(found, reduced_inverse(reduced))
@@ -296,7 +295,6 @@ def _candidates(
         keep = weak[(cost[weak] - alone.cost[weak] < _TWIN_COST) & apart]
         parts.append((keep, none[keep], refined[keep], covariance[keep], (cost - alone.cost)[keep]))
     parts += _read_otherwise(problem, parts)
-    parts = [_in_node_frame(problem, part) for part in parts]
     view = np.concatenate([p[0] for p in parts])
     every_cost = np.concatenate([p[4] for p in parts])
     least = np.full(count, np.inf)
@@ -371,20 +369,3 @@ def _plane_motion(from_points: Floats, to_points: Floats) -> Pose:
     correlation[2, 2] += np.trace(a.T @ a)
     rotation = nearest_rotation(correlation)
     return Pose(rotation, to_points.mean(axis=0) - rotation @ from_points.mean(axis=0))
-
-
-def _in_node_frame(problem: Problem, part: _Part) -> _Part:
-    """Poses of surveyed rectangles as poses of the world they stand in; the step's covariance does not change."""
-    view, reading, pose, covariance, cost = part
-    surveyed = {name: r.world_from_rect for name, r in problem.rectangles.items() if r.world_from_rect is not None}
-    rows = [row for row, index in enumerate(view) if problem.views[index].rectangle in surveyed]
-    if not rows:
-        return part
-    rotation, translation, moved = pose.rotation.copy(), pose.translation.copy(), covariance.copy()
-    for row in rows:
-        rect_from_world = surveyed[problem.views[view[row]].rectangle].inverse()
-        camera_from_world = pose[row] @ rect_from_world
-        rotation[row], translation[row] = camera_from_world.rotation, camera_from_world.translation
-        shift, _ = compose_jacobians(pose[row], rect_from_world)
-        moved[row] = shift @ covariance[row] @ shift.T
-    return view, reading, Pose(rotation, translation), moved, cost

@@ -1,5 +1,7 @@
 """Simulated rigs for every test of this room: the same that the benchmarks use."""
 
+import sys
+
 import numpy as np
 import pytest
 
@@ -14,6 +16,22 @@ from quadrig.rig.start.pose_graph import first_rig
 def simulated(load_script):
     """benchmarks/simulated.py: simulate, ring, Scene, errors."""
     return load_script("benchmarks/simulated.py")
+
+
+@pytest.fixture(scope="session")
+def bodies(load_script):
+    """benchmarks/body_worlds.py: carried, turntable, vehicle, back_to_back."""
+    for name in ("simulated", "worlds"):
+        # Benchmarks import one another by name.
+        sys.modules.setdefault(name, load_script(f"benchmarks/{name}.py"))
+    return load_script("benchmarks/body_worlds.py")
+
+
+@pytest.fixture(scope="session")
+def table_lens(load_script, bodies):
+    """Lenses as benchmarks/worlds.py draws them, whose rooms those of the bodies are."""
+    assert bodies
+    return load_script("benchmarks/worlds.py").table_lens
 
 
 @pytest.fixture(scope="session")

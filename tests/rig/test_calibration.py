@@ -9,6 +9,7 @@ from quadrig.rig.calibration import calibrate
 from quadrig.rig.problem.camera_input import CameraInput
 from quadrig.single.errors import QuadrigError
 from quadrig.single.lens import Intrinsics
+from quadrig.single.rectangle import WORLD
 from quadrig.single.rotation import vector_from_rotation
 
 
@@ -140,7 +141,8 @@ def test_the_reference_is_the_rig_frame(board_rig):
 def test_surveyed_rectangles_put_the_rig_into_the_world(simulated):
     made = simulated.simulate(12, simulated.Scene(cameras=3, framesets=12, tags=3))
     rectangles = [
-        r if r.moving else replace(r, world_from_rect=made.world_from_rect[r.name]) for r in made.rectangles
+        r if r.moving else replace(r, body=WORLD, body_from_rect=made.world_from_rect[r.name])
+        for r in made.rectangles
     ]
     rig = calibrate(made.inputs, rectangles, made.views, reference="tag1")
     for camera in rig.cameras:

@@ -54,9 +54,9 @@ def test_a_room_is_read_as_meant() -> None:
     assert board.marking == CharucoMarking(4, 5, 0.054, 0.04, "aruco_4x4_1000")
     assert (board.width, board.height, board.moving) == (pytest.approx(0.216), pytest.approx(0.27), True)
     assert (sheet.width, sheet.moving) == (0.21, False)
-    assert desk.world_from_rect is not None
+    assert desk.body_from_rect is not None
     # Ry(90 degrees) takes the sheet's z to the world's x.
-    np.testing.assert_allclose(desk.world_from_rect.transform(np.array([0.0, 0.0, 1.0])), [1, 0, 1], atol=1e-12)
+    np.testing.assert_allclose(desk.body_from_rect.transform(np.array([0.0, 0.0, 1.0])), [1, 0, 1], atol=1e-12)
 
 
 def test_prior_intrinsics_reach_the_camera() -> None:
@@ -82,7 +82,7 @@ def test_written_and_read_back_is_the_same(tmp_path) -> None:
 
 
 def _world(config: RigConfig) -> np.ndarray:
-    pose = config.rectangles[0].world_from_rect
+    pose = config.rectangles[0].body_from_rect
     assert pose is not None
     return pose.matrix()
 
@@ -140,8 +140,8 @@ marking = { kind = "circles", columns = 7, rows = 6, spacing = "3in", diameter =
 """
     desk, board = parse_config(text).rectangles
     assert (desk.width, desk.height, board.marking) == (0.16, 0.16, CircleGridMarking(7, 6, 0.0762, 0.0508))
-    assert desk.world_from_rect is not None
-    assert desk.world_from_rect.translation.tolist() == [1.0, -0.2, -0.0762]
+    assert desk.body_from_rect is not None
+    assert desk.body_from_rect.translation.tolist() == [1.0, -0.2, -0.0762]
     for wrong, words in (('"160"', "'160' has no unit"), ('"wide"', "no length"), ("true", "expected a length")):
         with pytest.raises(QuadrigError, match=f"line 4: width in rectangle 1: .*{words}"):
             parse_config(text.replace('"16cm"', wrong))
@@ -199,3 +199,65 @@ def test_ten_thousand_rectangles_take_no_time():
 def test_absurd_boards_are_one_sentence(marking):
     with pytest.raises(QuadrigError, match=r"squares fit on no sheet|this is not TOML"):
         parse_config(f'[[rectangle]]\nname = "board"\nmarking = {marking}\n')
+
+
+BOX = """
+[[body]]
+name = "box"
+moving = true
+
+[[rectangle]]
+name = "front"
+width = 0.1
+height = 0.1
+body = "box"
+marking = { kind = "tag", dictionary = "apriltag_36h11", id = 1 }
+
+[[rectangle]]
+name = "back"
+width = 0.1
+height = 0.1
+body = "box"
+body_from_rect = { translation = [0, 0, 0.2], angles_deg = [0, 180, 0], sigma = 0.001, sigma_deg = 0.5 }
+marking = { kind = "tag", dictionary = "apriltag_36h11", id = 2 }
+"""
+
+
+def test_rectangles_of_a_body_move_as_it_does(tmp_path) -> None:
+    config = parse_config(BOX)
+    front, back = config.rectangles
+    assert front.moving
+    assert back.moving
+    assert back.body == front.body == "box"
+    assert back.layout_sigma == pytest.approx((np.radians(0.5), 0.001))
+    assert back.body_from_rect is not None
+    np.testing.assert_allclose(back.body_from_rect.transform(np.array([1.0, 0, 0])), [-1, 0, 0.2], atol=1e-12)
+    write_config(config, tmp_path / "rig.toml")
+    again = read_config(tmp_path / "rig.toml")
+    assert again.rectangles == config.rectangles
+    assert again.rectangles[1].body_from_rect is not None
+    np.testing.assert_allclose(again.rectangles[1].body_from_rect.matrix(), back.body_from_rect.matrix(), atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "sentence"),
+    [
+        ('name = "box"\nmoving', 'name = "case"\nmoving', "line 3: no rectangle stands on body 'case'"),
+        (BOX[BOX.rindex("[[rectangle]]") :], "", "body 'box' has one rectangle, 'front'"),
+        ('body = "box"\nbody_from', 'world_from_rect = { translation = [0, 0, 0], angles_deg = [0, 0, 0] }\n'
+         'body = "box"\nbody_from', "'back' is of two bodies, 'box' and the world"),
+        ('body = "box"\nbody_from', "body_from", "'back' has body_from_rect and no body"),
+        ("angles_deg = [0, 180, 0]", "angles_deg = [0, 180, 0], quaternion_xyzw = [0, 1, 0, 0]", ""),
+        ("angles_deg = [0, 180, 0]", "angles_deg = [0, 180, 0], quaternion_xyzw = [1, 0, 0, 0]",
+         "given twice, by angles_deg and by quaternion_xyzw, and they are 180 degrees apart"),
+        ('body = "box"\nbody_from', 'world_from_rect = { translation = [0, 0, 1], angles_deg = [0, 0, 0] }\n'
+         'body = "world"\nbody_from', "two poses on the world"),
+    ],
+)  # fmt: skip
+def test_bodies_that_cannot_be_are_named(old, new, sentence) -> None:
+    assert old in BOX
+    if not sentence:
+        parse_config(BOX.replace(old, new))
+        return
+    with pytest.raises(QuadrigError, match=sentence):
+        parse_config(BOX.replace(old, new))

@@ -7,6 +7,7 @@ import pytest
 
 from quadrig.io.search.several_recordings import RecordedViews, joined
 from quadrig.rig.calibration import calibrate
+from quadrig.single.rectangle import WORLD
 
 
 def as_recording(name, views):
@@ -58,7 +59,8 @@ def test_what_stands_still_does_so_in_one_recording(two):
 def test_a_surveyed_rectangle_stands_where_it_was_surveyed(two):
     made, _, scene = two
     rectangles = [
-        replace(r, world_from_rect=made.world_from_rect[r.name]) if r.name == "tag0" else r for r in made.rectangles
+        replace(r, body=WORLD, body_from_rect=made.world_from_rect[r.name]) if r.name == "tag0" else r
+        for r in made.rectangles
     ]
     again, _ = joined([scene, replace(scene, name="later")], made.inputs, rectangles)
     assert [r.name for r in again if r.name not in {r.name for r in rectangles}] == ["tag1 (later)"]

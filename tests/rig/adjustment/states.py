@@ -3,7 +3,8 @@
 import numpy as np
 
 from quadrig.rig.adjustment.levenberg_marquardt import FreeParameters
-from quadrig.rig.adjustment.normal_equations import State, linearise
+from quadrig.rig.adjustment.normal_equations import linearise
+from quadrig.rig.adjustment.state import State
 from quadrig.rig.problem.build import build_problem
 from quadrig.single.pose import Pose
 
@@ -18,9 +19,7 @@ def true_state(made, problem):
     """The truth, the world being the rig frame."""
     order = [made.index(camera.name) for camera in problem.cameras]
     poses = [
-        made.world_from_rect[node.rectangle]
-        if node.frameset < 0
-        else made.world_from_rect[node.rectangle][node.frameset]
+        made.world_from_rect[node.body] if node.frameset < 0 else made.world_from_rect[node.body][node.frameset]
         for node in problem.nodes
     ]
     nodes = Pose(np.stack([p.rotation for p in poses]), np.stack([p.translation for p in poses]))
@@ -28,27 +27,27 @@ def true_state(made, problem):
 
 
 def shaken(state, rng, size=1e-3):
-    cameras, nodes = len(state.lens), len(state.rig_from_rect.translation)
+    cameras, nodes = len(state.lens), len(state.rig_from_body.translation)
     lens = rng.normal(size=(cameras, 9)) * [5, 2, 2, 0.01, 0.005, 1e-3, 1e-3, 0.002, 1e-3]
     return state.moved(lens, size * rng.normal(size=(cameras, 6)), size * rng.normal(size=(nodes, 6)))
 
 
 def full_system(normal, tables):
     """The normal equations before any elimination."""
-    cameras, size = normal.camera_gradient.shape
+    cameras, size = normal.unit_gradient.shape
     nodes = len(normal.node_gradient)
     total = cameras * size + 6 * nodes
     matrix = np.zeros((total, total))
     for c in range(cameras):
-        matrix[c * size : (c + 1) * size, c * size : (c + 1) * size] = normal.cameras[c]
+        matrix[c * size : (c + 1) * size, c * size : (c + 1) * size] = normal.units[c]
     for n in range(nodes):
         place = cameras * size + 6 * n
         matrix[place : place + 6, place : place + 6] = normal.nodes[n]
-    for pair, (n, c) in enumerate(zip(tables.pair_node, tables.pair_camera, strict=True)):
+    for pair, (n, c) in enumerate(zip(tables.pair_node, tables.pair_unit, strict=True)):
         rows, columns = slice(c * size, (c + 1) * size), slice(cameras * size + 6 * n, cameras * size + 6 * n + 6)
         matrix[rows, columns] = normal.pairs[pair]
         matrix[columns, rows] = normal.pairs[pair].T
-    return matrix, np.concatenate([normal.camera_gradient.ravel(), normal.node_gradient.ravel()])
+    return matrix, np.concatenate([normal.unit_gradient.ravel(), normal.node_gradient.ravel()])
 
 
 def open_freedom(observations, state, slack=None):

@@ -98,7 +98,8 @@ def test_rectangle_poses_gain_what_the_errors_add(both):
     without = both.kept[both.kept < both.last]
     inverse = np.zeros((both.last, both.last))
     inverse[np.ix_(without, without)] = np.linalg.inv(both.matrix[np.ix_(without, without)])
-    added = both.bordered.node_covariances(both.reduced)
+    roots = both.bordered.node_roots(both.reduced)
+    added = roots @ np.swapaxes(roots, -1, -2)
     for node, found in enumerate(added):
         own = slice(both.first + 6 * node, both.first + 6 * node + 6)
         expected = both.inverse[own, own] - inverse[own, own]
@@ -111,7 +112,7 @@ def test_the_step_is_that_of_the_dense_system(both):
     expected = both.step
     away = (both.bordered.values - expected[both.last :]) / sigma[both.last :]
     assert np.abs(away).max() < 1e-2
-    lens = both.bordered.camera_steps[:, :LENS]
+    lens = both.bordered.unit_steps[:, :LENS]
     by_camera = expected[: both.first].reshape(len(lens), -1)
     spread = sigma[: both.first].reshape(len(lens), -1)
     assert np.abs((lens - by_camera[:, :LENS]) / spread[:, :LENS]).max() < 1e-2

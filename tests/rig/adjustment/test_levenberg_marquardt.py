@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from quadrig.rig.adjustment.levenberg_marquardt import adjust, undamped
-from quadrig.rig.adjustment.normal_equations import State
 from quadrig.rig.adjustment.schur import (
     reduced_inverse,
 )
 from quadrig.rig.adjustment.slack import SlackPrior
+from quadrig.rig.adjustment.state import State
 from quadrig.rig.problem.build import build_problem
 from quadrig.rig.problem.camera_input import CameraInput
 from quadrig.single.lens import Intrinsics, project, unproject
@@ -44,7 +44,7 @@ def test_where_it_ends_every_direction_leads_up(states, small, with_slack):
         def at(sign, lens=lens, cameras=cameras, nodes=nodes, stray=stray):
             there = state.moved(sign * lens, sign * cameras, sign * nodes)
             if with_slack:
-                there = State(there.lens, there.camera_from_rig, there.rig_from_rect, state.slack + sign * stray)
+                there = replace(there, slack=state.slack + sign * stray)
             return states.whole_cost(observations, there, free, 0.3) - here
 
         ahead, behind = at(1), at(-1)
@@ -95,7 +95,7 @@ def test_pinhole_and_fisheye_cameras_are_adjusted_together(states, simulated):
     inputs[1] = CameraInput("cam1", 1280, 720, Intrinsics.centred(1280, 720, 400, "fisheye"))
     problem = build_problem(inputs, made.rectangles, views)
     observations, truth = problem.observations(), states.true_state(made, problem)
-    truth = State(np.stack([truth.lens[0], fisheye, truth.lens[2]]), truth.camera_from_rig, truth.rig_from_rect)
+    truth = State(np.stack([truth.lens[0], fisheye, truth.lens[2]]), truth.camera_from_rig, truth.rig_from_body)
     found = adjust(
         observations, states.shaken(truth, np.random.default_rng(0)), states.open_freedom(observations, truth), 0.3
     )

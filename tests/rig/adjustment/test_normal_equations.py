@@ -8,7 +8,8 @@ import pytest
 from quadrig.rig.adjustment import normal_equations as module
 from quadrig.rig.adjustment.levenberg_marquardt import adjust
 from quadrig.rig.adjustment.motion import Motion
-from quadrig.rig.adjustment.normal_equations import layout, linearise, normal_equations, residual_squares
+from quadrig.rig.adjustment.normal_equations import linearise, normal_equations, residual_squares
+from quadrig.rig.adjustment.tables import tables_of
 from quadrig.single.pose import Pose
 
 
@@ -18,7 +19,7 @@ def test_gradients_are_those_of_differences(states, small, robust):
     rng = np.random.default_rng(0)
     state = states.shaken(truth, rng)
     gram = linearise(observations, state, states.EVERY_LENS, 0.4, robust=robust).gram
-    normal = normal_equations(observations, layout(observations), state, gram)
+    normal = normal_equations(observations, tables_of(observations), state, gram)
 
     def cost(lens, cameras, nodes):
         return linearise(observations, state.moved(lens, cameras, nodes), states.EVERY_LENS, 0.4, robust=robust).cost
@@ -31,8 +32,8 @@ def test_gradients_are_those_of_differences(states, small, robust):
         slope = (ahead - behind) / (2 * size)
         # Gradients point down, and are those of half the cost.
         step = np.concatenate([lens, cameras], axis=1)
-        analytic = -2 * ((normal.camera_gradient * step).sum() + (normal.node_gradient * nodes).sum())
-        scale = 2 * (np.abs(normal.camera_gradient * step).sum() + np.abs(normal.node_gradient * nodes).sum())
+        analytic = -2 * ((normal.unit_gradient * step).sum() + (normal.node_gradient * nodes).sum())
+        scale = 2 * (np.abs(normal.unit_gradient * step).sum() + np.abs(normal.node_gradient * nodes).sum())
         assert slope == pytest.approx(analytic, abs=1e-6 * scale)
 
 
@@ -41,12 +42,12 @@ def test_the_quadratic_model_is_the_cost_nearby(states, small):
     observations, truth = small
     rng = np.random.default_rng(1)
     gram = linearise(observations, truth, states.EVERY_LENS, 1.0).gram
-    normal = normal_equations(observations, layout(observations), truth, gram)
+    normal = normal_equations(observations, tables_of(observations), truth, gram)
     here = linearise(observations, truth, states.EVERY_LENS, 1.0).cost
     lens, cameras = 1e-5 * rng.normal(size=truth.lens.shape), 1e-5 * rng.normal(size=(len(truth.lens), 6))
     nodes = 1e-5 * rng.normal(size=(observations.nodes, 6))
     step = np.concatenate([lens, cameras], axis=1)
-    matrix, gradient = states.full_system(normal, layout(observations))
+    matrix, gradient = states.full_system(normal, tables_of(observations))
     every = np.concatenate([step.ravel(), nodes.ravel()])
     expected = here - 2 * gradient @ every + every @ matrix @ every
     # What the model leaves out is residual times curvature: a per cent of the quadratic part, where noise is 0.3 px.
@@ -78,7 +79,7 @@ def test_with_priors_and_clocks_too_gradients_are_those_of_the_cost(states, smal
         return adjust(observations, there, free, 0.4, most_steps=0)
 
     here = at(0, np.zeros((len(truth.lens), 6)), np.zeros((observations.nodes, 6)), 0)
-    gradient = here.normal.camera_gradient
+    gradient = here.normal.unit_gradient
     for poses in (0, 0, 0, 1, 1, 1):
         lens = rng.normal(size=state.lens.shape) * [1, 1, 1, 1e-3, 1e-3, 1e-3, 1e-3, 1e-3, 1e-3]
         cameras, nodes = poses * rng.normal(size=(len(lens), 6)), poses * rng.normal(size=(observations.nodes, 6))
@@ -106,10 +107,10 @@ def test_priors_of_lenses_and_clocks_have_the_curvature_of_their_cost(states, sm
     step = rng.normal(size=(len(truth.lens), 10)) * np.concatenate([free.lens, np.ones((len(truth.lens), 1))], axis=1)
     here = at(0 * step)
     own = np.concatenate([step[:, here.columns], np.zeros((len(step), 6)), step[:, 9:]], axis=1)
-    expected = np.einsum("ci,cij,cj->", own, here.normal.cameras, own)
+    expected = np.einsum("ci,cij,cj->", own, here.normal.units, own)
     ahead, behind = at(step).costs[0], at(-step).costs[0]
     assert (ahead + behind) / 2 - here.costs[0] == pytest.approx(expected)
-    assert (ahead - behind) / 4 == pytest.approx(-(here.normal.camera_gradient * own).sum())
+    assert (ahead - behind) / 4 == pytest.approx(-(here.normal.unit_gradient * own).sum())
 
 
 @pytest.mark.parametrize("robust", [False, True])
@@ -124,10 +125,10 @@ def test_points_behind_a_camera_cost_a_fixed_sum_and_pull_at_nothing(states, sma
         else 0
     )
     where = observations.node == lost
-    behind = truth.rig_from_rect.translation.copy()
+    behind = truth.rig_from_body.translation.copy()
     eye = truth.camera_from_rig.inverse()[observations.camera[where][0]]
     behind[lost] = eye.translation - 2 * eye.rotation[:, 2]
-    state = replace(truth, rig_from_rect=Pose(truth.rig_from_rect.rotation, behind))
+    state = replace(truth, rig_from_body=Pose(truth.rig_from_body.rotation, behind))
     found = linearise(observations, state, states.EVERY_LENS, 0.4, robust=robust)
     blind = np.array([not np.isfinite(square).any() for square in _by_view(observations, found.squares)])
     assert blind.any()

@@ -5,7 +5,7 @@ import pytest
 
 from quadrig.rig.adjustment.outliers import find_outliers, robust_noise
 from quadrig.rig.problem.build import USUAL_NOISE
-from quadrig.rig.problem.observations import pack
+from quadrig.rig.problem.observations import Joins, pack
 
 VIEWS, POINTS = 60, 20
 
@@ -16,7 +16,7 @@ def seen():
     points, pixels = [np.zeros((POINTS, 3))] * VIEWS, [np.zeros((POINTS, 2))] * VIEWS
     sigma, share = np.ones(VIEWS), np.ones(VIEWS)
     sigma[::5], share[::5] = 2.0, 0.5
-    return pack([*points], [*pixels], sigma, share, np.zeros(VIEWS, int), np.arange(VIEWS), ["pinhole"], VIEWS), sigma
+    return pack([*points], [*pixels], sigma, share, Joins.alone(np.zeros(VIEWS, int), 1), ["pinhole"]), sigma
 
 
 def squares_of(sigma, noise, seed=1):

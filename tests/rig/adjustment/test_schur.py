@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from quadrig.rig.adjustment.normal_equations import layout, linearise, normal_equations
+from quadrig.rig.adjustment.normal_equations import linearise, normal_equations
 from quadrig.rig.adjustment.schur import (
     band_order,
     block_matrix,
@@ -11,15 +11,16 @@ from quadrig.rig.adjustment.schur import (
     eliminate,
     node_steps,
     reduced_inverse,
-    solve_cameras,
     solve_for,
+    solve_units,
 )
+from quadrig.rig.adjustment.tables import tables_of
 
 
 def test_the_schur_complement_solves_the_whole_system(states, small):
     observations, truth = small
     state = states.shaken(truth, np.random.default_rng(2))
-    tables = layout(observations)
+    tables = tables_of(observations)
     columns = np.array([0, 1, 2, 3])
     normal = normal_equations(observations, tables, state, linearise(observations, state, columns, 0.3).gram)
     free = np.ones((len(state.lens), 10), bool)
@@ -28,7 +29,7 @@ def test_the_schur_complement_solves_the_whole_system(states, small):
     free_nodes = np.ones(observations.nodes, bool)
     free_nodes[2] = False
     reduced = eliminate(normal, tables, free, free_nodes)
-    steps = solve_cameras(reduced)
+    steps = solve_units(reduced)
     poses = node_steps(normal, tables, reduced, steps)
     matrix, gradient = states.full_system(normal, tables)
     every = np.concatenate([free.ravel(), np.repeat(free_nodes, 6)])
@@ -53,7 +54,7 @@ def test_a_band_solves_as_the_dense_matrix_does(states, simulated):
     made = simulated.ring(40, 3)
     problem = states.problem_of(made)
     observations, state = problem.observations(), states.true_state(made, problem)
-    tables, columns = layout(observations), np.array([0, 1, 2, 3, 4])
+    tables, columns = tables_of(observations), np.array([0, 1, 2, 3, 4])
     normal = normal_equations(observations, tables, state, linearise(observations, state, columns, 0.3).gram)
     free = np.ones((40, 11), bool)
     free[5, 5:] = False
@@ -88,7 +89,7 @@ def test_a_pose_all_of_whose_corners_are_out_changes_nothing(states, small):
     """It stays where it is, and the others' steps and covariance are as if it had never been."""
     observations, truth = small
     state = states.shaken(truth, np.random.default_rng(3))
-    tables, columns = layout(observations), np.array([0, 3])
+    tables, columns = tables_of(observations), np.array([0, 3])
     lost = observations.node == 4
     weights = [np.where(lost[g.view][:, None], 0.0, g.weights) for g in observations.groups]
     without = observations.with_weights(weights)
@@ -97,7 +98,7 @@ def test_a_pose_all_of_whose_corners_are_out_changes_nothing(states, small):
     free[0, 2:] = False
     nodes = np.ones(observations.nodes, bool)
     both = [eliminate(normal, tables, free, nodes & (np.arange(len(nodes)) != out)) for out in (-1, 4)]
-    steps = [solve_cameras(reduced) for reduced in both]
+    steps = [solve_units(reduced) for reduced in both]
     np.testing.assert_allclose(steps[0], steps[1], rtol=1e-9, atol=1e-12)
     poses = node_steps(normal, tables, both[0], steps[0])
     np.testing.assert_array_equal(poses[4], 0)

@@ -7,8 +7,7 @@ import pytest
 
 from quadrig.rig.adjustment.normal_equations import residual_squares
 from quadrig.rig.adjustment.systematic_errors import sheet_values, systematic_errors
-from quadrig.rig.problem.build import build_problem
-from quadrig.rig.sheet_shape import SHAPE_PARAMETERS, shape_basis
+from quadrig.rig.sheet_shape import shape_basis
 from quadrig.single.lens import project
 
 
@@ -51,25 +50,3 @@ def test_bent_sheets_are_seen_where_their_shape_has_them(made, states):
     for name, shape in shapes.items():
         own, _ = sheet_values(values, errors.information, list(problem.rectangles), name)
         np.testing.assert_array_equal(own, shape)
-
-
-def test_a_surveyed_sheet_bends_in_its_own_frame(made):
-    """Its points are those of the world, and so is the way they move."""
-    tag = next(r for r in made.rectangles if r.name == "tag0")
-    surveyed = replace(tag, world_from_rect=made.world_from_rect["tag0"])
-    rectangles = [surveyed if r.name == "tag0" else r for r in made.rectangles]
-    problem = build_problem(made.inputs, rectangles, made.views)
-    observations = problem.observations()
-    errors = systematic_errors(problem, observations)
-    row = list(problem.rectangles).index("tag0")
-    values = np.zeros(len(errors.information))
-    values[7 * row + SHAPE_PARAMETERS.index("bend_x")] = 0.01
-    index = next(i for i, view in enumerate(problem.views) if view.rectangle == "tag0")
-    pairs = zip(observations.groups, errors.corrected(observations, values).groups, strict=True)
-    group, right = next(pair for pair in pairs if index in pair[0].view)
-    at = group.view.tolist().index(index)
-    moved = (right.points - group.points)[at, : len(problem.views[index].points)]
-    # All four corners of a square stand off its plane by its bend.
-    np.testing.assert_allclose(
-        moved, np.tile(0.01 * 0.2 * surveyed.world_from_rect.rotation[:, 2], (4, 1)), atol=1e-12
-    )

@@ -8,7 +8,9 @@ import pytest
 from quadrig.rig.problem.build import build_problem
 from quadrig.rig.problem.camera_input import CameraInput
 from quadrig.rig.start.lenses_and_poses import first_cameras
+from quadrig.rig.start.together import camera_from_cluster, seen_together
 from quadrig.single.lens import Intrinsics, project
+from quadrig.single.rectangle import WORLD
 
 
 def problem_of(made, **changes):
@@ -59,7 +61,7 @@ def test_with_lenses_told_the_likeliest_candidates_are_the_poses(told):
     np.testing.assert_array_equal(candidates.view[first], np.arange(len(problem.views)))
     np.testing.assert_array_equal(candidates.cost[first], 0)
     for index, view in enumerate(problem.views):
-        step = candidates.camera_from_node[first[index]].step_to(true_pose(told, view))
+        step = candidates.camera_from_rect[first[index]].step_to(true_pose(told, view))
         # A thousandth of a pixel at a metre or so.
         assert np.abs(step).max() < 2e-3
     assert (candidates.cost >= 0).all()
@@ -76,7 +78,7 @@ def test_doubts_of_candidates_are_what_noise_does(told):
     squares = []
     for index, view in enumerate(problem.views):
         rows = np.flatnonzero(found.candidates.view == index)
-        step = found.candidates.camera_from_node[rows].step_to(true_pose(told, view))
+        step = found.candidates.camera_from_rect[rows].step_to(true_pose(told, view))
         own = np.linalg.inv(found.candidates.covariance[rows])
         # The truth is one of the candidates.
         squares.append(np.einsum("ki,kij,kj->k", step, own, step).min() / 6)
@@ -96,31 +98,32 @@ def test_each_reading_of_a_board_has_its_candidates(told):
         assert sorted(candidates.reading[rows]) == ([0, 1] if view.rectangle == "sheet" else [0])
         lens = told.lenses[told.index(view.camera)]
         for row in rows:
-            points = candidates.camera_from_node[row].transform(view.readings[candidates.reading[row]])
+            points = candidates.camera_from_rect[row].transform(view.readings[candidates.reading[row]])
             np.testing.assert_allclose(project(lens, points), view.pixels, atol=0.05)
 
 
-def test_surveyed_rectangles_give_the_world(told):
-    rectangles = [
-        r if r.moving else replace(r, world_from_rect=told.world_from_rect[r.name]) for r in told.rectangles
+def test_what_is_seen_of_a_rectangle_says_where_its_body_is(told):
+    surveyed = [
+        r if r.moving else replace(r, body=WORLD, body_from_rect=told.world_from_rect[r.name])
+        for r in told.rectangles
     ]
-    problem = build_problem(told.inputs, rectangles, told.views)
-    plain, surveyed = first_cameras(problem_of(told)).candidates, first_cameras(problem).candidates
+    problem = build_problem(told.inputs, surveyed, told.views)
+    candidates = first_cameras(problem).candidates
+    together = seen_together(problem, candidates, 0)
+    pose, rotation, translation = camera_from_cluster(problem, candidates, together.rectangles)
     tags = [index for index, view in enumerate(problem.views) if view.rectangle != "sheet"]
     assert tags
     for index in tags:
-        view = problem.views[index]
-        row = np.searchsorted(surveyed.view, index)
-        camera_from_world = told.world_from_camera[told.index(view.camera)].inverse()
-        assert np.abs(surveyed.camera_from_node[row].step_to(camera_from_world)).max() < 5e-3
-        # The doubt is that of the tag's pose, carried to the world's origin: moved back, the same.
-        back = step_by_shift(
-            surveyed.camera_from_node[row].rotation @ told.world_from_rect[view.rectangle].translation
-        )
-        same = np.searchsorted(plain.view, problem_of(told).views.index(view))
-        np.testing.assert_allclose(
-            back @ surveyed.covariance[row] @ back.T, plain.covariance[same], rtol=1e-3, atol=1e-12
-        )
+        row = np.searchsorted(candidates.view, index)
+        camera_from_world = told.world_from_camera[told.index(problem.views[index].camera)].inverse()
+        assert np.abs(pose[row].step_to(camera_from_world)).max() < 5e-3
+        # The doubt is that of the tag's pose, carried to the world's origin.
+        far = candidates.camera_from_rect.translation[row] - pose.translation[row]
+        own = candidates.covariance[row]
+        assert rotation[row] == pytest.approx(np.sqrt(np.trace(own[:3, :3])), rel=1e-3)
+        back = step_by_shift(far)
+        moved = np.linalg.inv(back) @ own @ np.linalg.inv(back).T
+        assert translation[row] == pytest.approx(np.sqrt(np.trace(moved[3:, 3:])), rel=1e-3)
 
 
 def step_by_shift(arm):

@@ -11,7 +11,8 @@ from quadrig.rig.problem.build import build_problem
 from quadrig.rig.problem.camera_input import CameraInput
 from quadrig.rig.problem.connectivity import components
 from quadrig.rig.start.lenses_and_poses import Candidates, first_cameras
-from quadrig.rig.start.pose_graph import first_rig, relative_poses
+from quadrig.rig.start.pose_graph import first_rig
+from quadrig.rig.start.relative_poses import Sightings, relative_poses, sigmas
 from quadrig.single.pose import Pose
 from quadrig.single.rectangle import Rectangle
 from quadrig.single.rotation import rotation_from_vector
@@ -21,6 +22,15 @@ from quadrig.single.view import View
 def first_of(made, views=None, reference=0):
     problem = build_problem(made.inputs, made.rectangles, made.views if views is None else views)
     return problem, first_rig(problem, first_cameras(problem).candidates, reference)
+
+
+def voted(problem, candidates):
+    """The relative poses of cameras, by everything that two of them saw."""
+    view = candidates.view
+    camera, node = problem.camera[view], problem.node[view]
+    return relative_poses(
+        Sightings(camera, node, view, candidates.camera_from_rect, *sigmas(candidates), candidates.cost)
+    )
 
 
 def test_components_are_those_that_share(board_rig):
@@ -83,7 +93,7 @@ def test_any_camera_may_be_the_first(board_rig):
 def test_relatives_tell_how_many_support_them(board_rig):
     made, _ = board_rig
     problem = build_problem(made.inputs, made.rectangles, made.views)
-    found = relative_poses(problem, first_cameras(problem).candidates)
+    found = voted(problem, first_cameras(problem).candidates)
     assert {(r.left, r.right) for r in found} == {(0, 1), (0, 2), (1, 2)}
     for relative in found:
         assert 0 < relative.support <= relative.voters
@@ -126,7 +136,7 @@ THERE = Pose.from_vectors(np.array([-0.1, 0.4, 0.2]), np.array([-0.2, 0.1, 1.8])
 def told(rows, rectangles=(SHEET, TAG)):
     """A problem and the candidates of its Views.
 
-    rows: (camera, rectangle, frameset, [(camera_from_node, cost, sigma)]).
+    rows: (camera, rectangle, frameset, [(camera_from_rect, cost, sigma)]).
     """
     views = [View(r, SHEET.corners, SHEET.corners[:, :2], camera, frameset) for camera, r, frameset, _ in rows]
     names = sorted({camera for camera, *_ in rows})
@@ -146,7 +156,7 @@ def turned(pose, angle):
 def test_of_one_rectangle_that_two_cameras_share_the_likeliest_candidates_of_both_decide():
     twins = [(turned(pose, 0.8), 6.0, 0.001) for pose in (HERE, THERE)]
     rows = [("a", "sheet", 0, [(HERE, 0.0, 0.001), twins[0]]), ("b", "sheet", 0, [(THERE, 0.0, 0.001), twins[1]])]
-    (relative,) = relative_poses(*told(rows))
+    (relative,) = voted(*told(rows))
     assert (relative.support, relative.voters) == (1, 1)
     assert np.abs((HERE @ THERE.inverse()).step_to(relative.left_from_right)).max() < 1e-12
 
@@ -160,7 +170,7 @@ def test_candidates_of_more_rectangles_outvote_the_likeliest_of_one():
             wrong = turned(pose, 0.5 + 0.2 * frameset)
             rows.append((camera, "sheet", frameset, [(wrong, 0.0, 0.001), (pose, 1.0, 0.001)]))
     problem, candidates = told(rows)
-    (relative,) = relative_poses(problem, candidates)
+    (relative,) = voted(problem, candidates)
     assert (relative.support, relative.voters) == (3, 3)
     assert np.abs((HERE @ THERE.inverse()).step_to(relative.left_from_right)).max() < 1e-9
     first = first_rig(problem, candidates, 0)
@@ -176,13 +186,13 @@ def test_surer_rectangles_pull_more():
         for k, sigma in enumerate(sigmas)
         for camera, pose in (("a", HERE), ("b", THERE))
     ]
-    (relative,) = relative_poses(*told(rows))
+    (relative,) = voted(*told(rows))
     step = (HERE @ THERE.inverse()).step_to(relative.left_from_right)
     # Both cameras' three rotations.
     variance = [2 * 3 * sigma**2 for sigma in sigmas]
     assert np.linalg.norm(step[:3]) == pytest.approx(angle * variance[0] / sum(variance), rel=0.02)
     assert relative.support == 2
-    one = relative_poses(*told(rows[:2]))[0]
+    one = voted(*told(rows[:2]))[0]
     assert relative.sigma < one.sigma < 1.02 * relative.sigma
 
 
@@ -194,7 +204,7 @@ def test_a_rectangle_that_one_camera_alone_sees_stands_where_most_of_its_views_h
     ]
     problem, candidates = told(rows)
     first = first_rig(problem, candidates, 0)
-    assert np.abs(first.rig_from_node[0].step_to(HERE)).max() < 1e-9
+    assert np.abs(first.rig_from_body[0].step_to(HERE)).max() < 1e-9
     assert [view.frameset for view, agrees in zip(problem.views, first.agrees, strict=True) if not agrees] == [2]
 
 
@@ -209,8 +219,8 @@ def test_one_other_camera_says_more_than_many_views_of_the_same():
         rows += [(name, "sheet", 10 + k, [(p @ moved, 0.0, 0.001)]) for name, p in (("a", HERE), ("b", THERE))]
     problem, candidates = told(rows)
     first = first_rig(problem, candidates, 0)
-    tag = next(index for index, node in enumerate(problem.nodes) if node.rectangle == "tag")
-    assert np.abs(first.rig_from_node[tag].step_to(HERE)).max() < 1e-6
+    tag = next(index for index, node in enumerate(problem.nodes) if node.body == "tag")
+    assert np.abs(first.rig_from_body[tag].step_to(HERE)).max() < 1e-6
     assert first.agrees.all()
 
 
@@ -237,7 +247,7 @@ def test_a_view_agrees_up_to_four_common_sigmas(change, sigmas, agree):
     off = turned(HERE, size) if change == "rotation" else shifted(HERE, size)
     problem, candidates = told([("a", "tag", k, [(off if k == 3 else HERE, 0.0, 0.02)]) for k in range(4)])
     first = first_rig(problem, candidates, 0)
-    assert np.abs(first.rig_from_node[0].step_to(HERE)).max() < 1e-9
+    assert np.abs(first.rig_from_body[0].step_to(HERE)).max() < 1e-9
     assert first.agrees.tolist() == [view.frameset < 3 or agree for view in problem.views]
 
 
@@ -251,7 +261,7 @@ def test_rectangles_support_two_cameras_up_to_four_common_sigmas(sigmas, support
         for k in range(4)
         for name, pose in (("a", HERE), ("b", THERE))
     ]
-    (relative,) = relative_poses(*told(rows))
+    (relative,) = voted(*told(rows))
     assert (relative.support, relative.voters) == (support, 4)
 
 
@@ -278,7 +288,7 @@ def test_an_edge_that_a_small_share_supports_is_taken_only_where_no_better_way_l
     rows += [*rows_of([("b", camera_b), ("c", camera_c)], range(4, 8), as_it_is)]
     rows += [*rows_of([("a", still), ("c", camera_c)], range(9, 24), wrong)]
     problem, candidates = told(rows)
-    supports = {(r.left, r.right): (r.support, r.voters) for r in relative_poses(problem, candidates)}
+    supports = {(r.left, r.right): (r.support, r.voters) for r in voted(problem, candidates)}
     assert supports == {(0, 1): (4, 4), (1, 2): (4, 4), (0, 2): (5, 15)}
     first = first_rig(problem, candidates, 0)
     # The average of all three is drawn to the wrong one by less than a tenth of what that is off.

@@ -1,0 +1,163 @@
+"""Worlds of bodies, simulated: rectangles fixed to each other, of which nobody knows where they are.
+
+carried: four cameras that look outward, carried through a room with twelve A4 sheets on its walls for a minute.
+turntable: a box of tags turns before two cameras that look at it. vehicle: the carried rig on a plane floor, which
+turns about one axis alone: where the cameras stand along it cannot be known. back to back: two cameras that each see
+their own board of a room alone. Noise 0.2 px, lenses not known, sheets as printers make them.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from simulated import Simulated, facing
+from worlds import Lens, Room, stack
+
+from quadrig.single import Rectangle
+from quadrig.single.arrays import Floats
+from quadrig.single.markings.boards import board_points
+from quadrig.single.pose import Pose
+from quadrig.single.rotation import rotation_from_vector
+
+# Noise of a corner, px; framesets a second.
+_NOISE, _RATE = 0.2, 10.0
+# A4 sheets lie across; boards are those of benchmarks/worlds.py.
+_A4, _BOARD = (0.297, 0.21), (9, 7, 0.06)
+
+
+def path(rng: np.random.Generator, framesets: int, reach: Floats, turn: Floats) -> list[Pose]:
+    """world_from_rig (F,) of a smooth walk about the world's origin: reach (3,) m along and turn (3,) rad about each
+    axis, y being down, with the slow sway of somebody who walks."""
+    seconds = np.arange(framesets) / _RATE
+
+    def wander(size: Floats) -> Floats:
+        waves = rng.uniform([0.05], [0.4], (3, 4)), rng.uniform(0, 2 * np.pi, (3, 4)), rng.normal(size=(3, 4))
+        sums = (waves[2][..., None] * np.sin(2 * np.pi * waves[0][..., None] * seconds + waves[1][..., None])).sum(1)
+        return (size[:, None] * sums / np.abs(sums).max(axis=1, keepdims=True)).T
+
+    heading = np.linspace(0, 2 * np.pi * framesets / 200, framesets) * (turn[1] > 0)
+    tilt = wander(turn)
+    places = wander(reach)
+    return [
+        Pose(
+            rotation_from_vector(np.array([0.0, heading[f] + tilt[f, 1], 0.0]))
+            @ rotation_from_vector(np.array([tilt[f, 0], 0.0, tilt[f, 2]])),
+            places[f],
+        )
+        for f in range(framesets)
+    ]
+
+
+def _outward(rng: np.random.Generator, count: int) -> list[Pose]:
+    """rig_from_camera of cameras on a frame that look away from each other."""
+    angles = 2 * np.pi * np.arange(count) / count + 0.05 * rng.normal(size=count)
+    out = [np.array([np.sin(a), 0.1 * rng.normal(), np.cos(a)]) for a in angles]
+    return [facing(0.15 * o + 0.02 * rng.normal(size=3), 3 * o) for o in out]
+
+
+def _room(rng: np.random.Generator, count: int, size: tuple[float, float]) -> dict[Rectangle, Pose]:
+    """Sheets on the walls of a room of 5 by 4 m, by world_from_rect."""
+    sheets = {}
+    for number in range(count):
+        angle = 2 * np.pi * (number + rng.uniform(-0.3, 0.3)) / count
+        way = np.array([np.sin(angle), 0.0, np.cos(angle)])
+        far = 1 / max(abs(way[0]) / 2.5, abs(way[2]) / 2.0)
+        place = far * way + [0, rng.uniform(-0.6, 0.6), 0]
+        wall = np.zeros(3)
+        wall[[0, 2]] = -np.sign(way[[0, 2]]) * (np.abs(way[[0, 2]]) * far > [2.49, 1.99])
+        turn = rotation_from_vector(0.1 * rng.normal(size=3))
+        pose = Pose(turn @ facing(place + wall, place).rotation, place)
+        sheets[Rectangle(f"sheet{number:02d}", *size, moving=True, body="room")] = pose
+    return sheets
+
+
+@dataclass(frozen=True, eq=False)
+class Carried:
+    """A rig and bodies that move against it, simulated; rig_from_camera (C,)."""
+
+    made: Simulated
+    lenses: Floats
+    rig_from_camera: Pose
+
+    def true(self, reference: int, camera: int) -> Pose:
+        """The pose of a camera in the frame of another."""
+        return self.rig_from_camera[reference].inverse() @ self.rig_from_camera[camera]
+
+
+def _seen(
+    rng: np.random.Generator,
+    lens: Lens,
+    cameras: list[Pose],
+    bodies: dict[str, tuple[dict[Rectangle, Pose], list[Pose]]],
+    sees: Callable[[int, Rectangle], bool] | None = None,
+    points: Floats | None = None,
+) -> Carried:
+    """What cameras (rig_from_camera) see of bodies: their rectangles (body_from_rect) and rig_from_body (F,)."""
+    room = Room(rng, lens, cameras, _NOISE)
+    for sheets, path_of in bodies.values():
+        for rectangle, on_body in sheets.items():
+            room.add(rectangle, points)
+            true, seen = room.true[rectangle.name], rectangle.corners if points is None else points
+            for frameset, rig_from_body in enumerate(path_of):
+                place = rig_from_body @ on_body
+                room.places[rectangle.name].append(place)
+                for camera in range(len(cameras)):
+                    if sees is None or sees(camera, rectangle):
+                        room.look(camera, rectangle, seen, place, frameset, true)
+    made = room.made()
+    return Carried(made, made.lenses, stack(cameras))
+
+
+def carried(rng: np.random.Generator, lens: Lens, framesets: int = 600) -> Carried:
+    """Four cameras carried through a room."""
+    way = path(rng, framesets, np.array([0.7, 0.15, 0.6]), np.array([0.25, 0.2, 0.2]))
+    body = _room(rng, 12, _A4), [pose.inverse() for pose in way]
+    return _seen(rng, lens, _outward(rng, 4), {"room": body})
+
+
+def vehicle(rng: np.random.Generator, lens: Lens, framesets: int = 300) -> Carried:
+    """The same on a plane floor."""
+    way = path(rng, framesets, np.array([0.7, 0.0, 0.6]), np.array([0.0, 0.2, 0.0]))
+    body = _room(rng, 12, _A4), [pose.inverse() for pose in way]
+    return _seen(rng, lens, _outward(rng, 4), {"room": body})
+
+
+def back_to_back(rng: np.random.Generator, lens: Lens, framesets: int = 120) -> Carried:
+    """Two cameras that look away from each other, each at its own board."""
+    way = path(rng, framesets, np.array([0.25, 0.2, 0.25]), np.array([0.35, 0.0, 0.35]))
+    boards = {}
+    for number, side in enumerate((1.0, -1.0)):
+        place = np.array([0.0, 0.0, 1.3 * side])
+        pose = Pose(rotation_from_vector(0.2 * rng.normal(size=3)) @ facing(np.zeros(3), place).rotation, place)
+        boards[Rectangle(f"board{number}", 0.54, 0.42, moving=True, body="room")] = pose
+    body = boards, [pose.inverse() for pose in way]
+    return _seen(
+        rng,
+        lens,
+        _outward(rng, 2),
+        {"room": body},
+        lambda camera, rectangle: rectangle.name == f"board{camera}",
+        board_points(*_BOARD),
+    )
+
+
+def turntable(rng: np.random.Generator, lens: Lens, framesets: int = 120) -> Carried:
+    """A box of tags that turns before two cameras."""
+    side = 0.2
+    turns = [np.zeros(3), *(np.array([0.0, k * np.pi / 2, 0.0]) for k in (1, 2, 3)), np.array([np.pi / 2, 0.0, 0.0])]
+    sheets = {}
+    for number, turn in enumerate(turns):
+        rotation = rotation_from_vector(turn) @ rotation_from_vector(0.02 * rng.normal(size=3))
+        sheets[Rectangle(f"tag{number}", 0.16, 0.16, moving=True, body="box")] = Pose(
+            rotation, -side / 2 * rotation[:, 2]
+        )
+    axis = Pose(rotation_from_vector(np.array([-0.4, 0.0, 0.0])), np.array([0.0, 0.0, 1.0]))
+    turning = [
+        axis @ Pose(rotation_from_vector(np.array([0.0, 2 * np.pi * f / framesets, 0.0])), np.zeros(3))
+        for f in range(framesets)
+    ]
+    cameras = [Pose.identity(), facing(np.array([0.5, -0.1, 0.1]), np.array([0.0, 0.0, 1.0]))]
+    return _seen(rng, lens, cameras, {"box": (sheets, turning)})
+
+
+WORLDS = {"carried": carried, "turntable": turntable, "vehicle": vehicle, "back to back": back_to_back}

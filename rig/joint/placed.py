@@ -1,0 +1,161 @@
+"""From the end of the joint adjustment to where bodies and rectangles stood, and how sure that is."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from quadrig.rig.adjustment.systematic_errors import sheet_values
+from quadrig.rig.adjustment.twist_jacobians import step_by_inner_twist, step_by_left_twist
+from quadrig.rig.joint.stages import Joint
+from quadrig.rig.problem.build import Problem
+from quadrig.rig.problem.layouts import body_of
+from quadrig.rig.result import PlacedBody, PlacedRectangle
+from quadrig.rig.sheet_shape import SheetShape
+from quadrig.single.arrays import Floats, Ints, Mask
+from quadrig.single.pose import Pose, stacked
+
+
+@dataclass(frozen=True, eq=False)
+class PlacedPoses:
+    """rig_from_body (N,) and body_from_rect (L,) as they were found, with covariances of their twists: nodes (N, 6,
+    6), layouts (L, 6, L, 6), and of nodes with layouts, across (N, 6, L, 6). alone (L, 6, L, 6): of layouts, with
+    each camera's own noise. seen (N,) bool: which nodes a View shows."""
+
+    rig_from_body: Pose
+    body_from_rect: Pose
+    nodes: Floats
+    layouts: Floats
+    across: Floats
+    alone: Floats
+    seen: Mask
+
+    def of_rectangle(self, nodes: Ints, layout: int) -> tuple[Pose, Floats]:
+        """rig_from_rect (N',) at some nodes, and the covariance (N', 6, 6) of its step; layout: the row of its pose
+        on its body, -1 where it is the body's frame."""
+        rig_from_body, own = self.rig_from_body[nodes], self.nodes[nodes]
+        if layout < 0:
+            by_node = step_by_left_twist(rig_from_body)
+            return rig_from_body, by_node @ own @ np.swapaxes(by_node, -1, -2)
+        on_body = self.body_from_rect[layout]
+        rig_from_rect = rig_from_body @ on_body
+        by_node = step_by_left_twist(rig_from_rect)
+        position = np.broadcast_to(on_body.translation, (len(nodes), 3))
+        by_layout = step_by_inner_twist(rig_from_body.rotation, position)
+        crossed = by_node @ self.across[nodes, :, layout] @ np.swapaxes(by_layout, -1, -2)
+        covariance = by_node @ own @ np.swapaxes(by_node, -1, -2) + crossed + np.swapaxes(crossed, -1, -2)
+        covariance += by_layout @ self.layouts[layout, :, layout] @ np.swapaxes(by_layout, -1, -2)
+        return rig_from_rect, covariance
+
+    def of_layouts(self, rows: Ints) -> Floats:
+        """Covariance (6 K, 6 K) of the steps of poses on a body; rows (K,): theirs, -1 for the body's frame."""
+        result = np.zeros((len(rows), 6, len(rows), 6))
+        known = np.flatnonzero(rows >= 0)
+        by_twist = step_by_left_twist(self.body_from_rect[rows[known]])
+        own = self.alone[rows[known]][:, :, rows[known]]
+        result[np.ix_(known, range(6), known, range(6))] = np.einsum("aij,ajbk,blk->aibl", by_twist, own, by_twist)
+        return result.reshape(6 * len(rows), 6 * len(rows))
+
+
+def placed_poses(problem: Problem, joint: Joint, widening: float, covariance: Floats) -> PlacedPoses:
+    """All poses and their covariances; widening: what these are multiplied by. covariance (E M, E M): of the units,
+    with the noise of each camera."""
+    state, found, count = joint.predicted, problem.layouts.found, len(problem.layouts.names)
+    seen = np.zeros(len(problem.nodes), bool)
+    seen[joint.observations.node[~joint.inliers.rejected]] = True
+    layouts, alone = np.zeros((2, count, 6, count, 6))
+    across = np.zeros((len(seen), 6, count, 6))
+    units, size = joint.reduced.free.shape
+    begin, cameras = len(joint.adjustment.columns), len(state.lens)
+    columns = (np.arange(cameras, units)[:, None] * size + begin + np.arange(6)).ravel()
+    if found:
+        firm, by_unit = joint.covariance[:, columns], joint.bordered.by_unit[columns]
+        layouts[:found, :, :found] = (firm[columns] + by_unit @ by_unit.T).reshape(found, 6, found, 6)
+        alone[:found, :, :found] = covariance[np.ix_(columns, columns)].reshape(found, 6, found, 6)
+        # A node follows the units by - N^-1 P', and the systematic errors directly.
+        followed = joint.bordered.border.pairs.T @ firm
+        followed = joint.reduced.node_inverse @ followed.reshape(len(seen), 6, -1)
+        followed = followed + joint.bordered.node_roots(joint.reduced) @ by_unit.T
+        across[:, :, :found] = -followed.reshape(len(seen), 6, found, 6)
+    return PlacedPoses(
+        state.rig_from_body,
+        state.body_from_rect,
+        widening * _node_covariances(joint),
+        widening * layouts,
+        widening * across,
+        alone,
+        seen,
+    )
+
+
+def _node_covariances(joint: Joint) -> Floats:
+    """Covariance (N, 6, 6) of the twist of every pose of a body: its own Views' doubt, and what cameras, layouts and
+    the sheets' shapes pass on to it."""
+    tables, normal, reduced = joint.adjustment.tables, joint.adjustment.normal, joint.reduced
+    units, size = reduced.free.shape
+    passed = reduced.node_inverse[tables.pair_node] @ np.swapaxes(normal.pairs, -1, -2)
+    blocks = joint.covariance.reshape(units, size, units, size)
+    left, right = tables.meeting_left, tables.meeting_right
+    between = blocks[tables.pair_unit[left], :, tables.pair_unit[right], :]
+    term = passed[left] @ between @ np.swapaxes(passed[right], -1, -2)
+    result = reduced.node_inverse.copy()
+    np.add.at(result, tables.pair_node[left], term)
+    off = left != right
+    np.add.at(result, tables.pair_node[left][off], np.swapaxes(term[off], -1, -2))
+    roots = joint.bordered.node_roots(reduced)
+    return result + roots @ np.swapaxes(roots, -1, -2)
+
+
+def rectangles_of(problem: Problem, joint: Joint, placed: PlacedPoses) -> tuple[PlacedRectangle, ...]:
+    """Every rectangle that was placed, where it was seen, or once where it stands still; one whose Views were all
+    rejected is not, unless its pose is given on a body that was placed."""
+    names, result = list(problem.rectangles), []
+    kept = problem.node[~joint.inliers.rejected], problem.rectangle[~joint.inliers.rejected]
+    for number, (name, rectangle) in enumerate(problem.rectangles.items()):
+        shape = SheetShape(*sheet_values(joint.bordered.values, joint.bordered.covariance, names, name))
+        nodes = np.unique(kept[0][kept[1] == number])
+        if not rectangle.moving and rectangle.body_from_rect is not None:
+            nodes = np.array([i for i in _nodes(problem, rectangle.body) if placed.seen[i]], int)
+        if not len(nodes):
+            continue
+        pose, covariance = placed.of_rectangle(nodes, int(problem.layouts.number[number]))
+        if rectangle.moving:
+            framesets = np.array([problem.nodes[i].frameset for i in nodes])
+            result.append(PlacedRectangle(rectangle, pose, covariance, framesets, shape))
+        else:
+            result.append(PlacedRectangle(rectangle, pose[0], covariance[0], shape=shape))
+    return tuple(result)
+
+
+def _nodes(problem: Problem, body: str) -> list[int]:
+    return [index for index, node in enumerate(problem.nodes) if node.body == body]
+
+
+def bodies_of(problem: Problem, placed: PlacedPoses) -> tuple[PlacedBody, ...]:
+    """The bodies of several rectangles, or of given poses, that were placed."""
+    members: dict[str, list[int]] = {}
+    seen = set(problem.rectangle.tolist())
+    for number, rectangle in enumerate(problem.rectangles.values()):
+        if rectangle.body and (rectangle.body_from_rect is not None or number in seen):
+            members.setdefault(body_of(rectangle), []).append(number)
+    names, result = list(problem.rectangles), []
+    for body, numbers in members.items():
+        nodes = np.array([i for i in _nodes(problem, body) if placed.seen[i]], int)
+        if not len(nodes):
+            continue
+        rows = problem.layouts.number[numbers]
+        on_body = [placed.body_from_rect[row] if row >= 0 else Pose.identity() for row in rows]
+        pose, covariance = placed.of_rectangle(nodes, -1)
+        framesets = np.array([problem.nodes[i].frameset for i in nodes])
+        still = bool(framesets[0] < 0)
+        result.append(
+            PlacedBody(
+                body,
+                tuple(names[number] for number in numbers),
+                stacked(on_body),
+                placed.of_layouts(rows),
+                pose[0] if still else pose,
+                covariance[0] if still else covariance,
+                framesets[:0] if still else framesets,
+            )
+        )
+    return tuple(result)

@@ -1,0 +1,100 @@
+"""Bodies: rectangles fixed to each other, and rigs that are found from them."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from quadrig.rig.calibration import calibrate
+from quadrig.single.errors import QuadrigError
+from quadrig.single.rotation import vector_from_rotation
+
+
+@pytest.fixture(scope="module")
+def box(bodies, table_lens):
+    """A box of tags that turns before two cameras, and its rig."""
+    made = bodies.turntable(np.random.default_rng(1), table_lens, 40)
+    return made, calibrate(made.made.inputs, made.made.rectangles, made.made.views, "cam0")
+
+
+@pytest.fixture(scope="module")
+def walk(bodies, table_lens):
+    """Four cameras that are carried through a room of tags, no two of which look the same way."""
+    made = bodies.carried(np.random.default_rng(2), table_lens, 60)
+    return made, calibrate(made.made.inputs, made.made.rectangles, made.made.views, "cam0")
+
+
+def sigmas_off(step, covariance):
+    return np.sqrt(step @ np.linalg.solve(covariance, step) / len(step))
+
+
+def layout_of(made, body):
+    """body_from_rect as it is, in the frame of the first of the body's rectangles."""
+    places = [made.made.world_from_rect[name][0] for name in body.rectangles]
+    return [places[0].inverse() @ place for place in places]
+
+
+def test_cameras_stand_where_they_do(box, walk):
+    for made, rig in (box, walk):
+        assert len(rig.cameras) == len(made.made.inputs)
+        for row in range(1, len(rig.cameras)):
+            step = rig.cameras[row].rig_from_camera.step_to(made.true(0, row))
+            assert sigmas_off(step, rig.pose_covariance(rig.cameras[row].name)) < 2.5
+
+
+def test_layouts_are_found_with_their_doubt(box, walk):
+    for made, rig in (box, walk):
+        (body,) = rig.bodies
+        for row, true in enumerate(layout_of(made, body)[1:], 1):
+            found, covariance = body.rect_from_other(body.rectangles[0], body.rectangles[row])
+            assert sigmas_off(found.step_to(true), covariance) < 3
+            assert np.sqrt(np.diag(covariance)[3:]).max() < 0.02
+
+
+def test_one_rectangle_of_a_body_is_its_frame(box):
+    _, rig = box
+    (body,) = rig.bodies
+    known = np.sqrt(np.diag(body.layout_covariance).reshape(-1, 6).sum(axis=1))
+    (frame,) = np.flatnonzero(known == 0)
+    np.testing.assert_array_equal(body.body_from_rect[frame].matrix(), np.eye(4))
+
+
+def test_rectangles_stand_where_their_body_has_them(box):
+    _, rig = box
+    (body,) = rig.bodies
+    for row, name in enumerate(body.rectangles):
+        placed = next(one for one in rig.rectangles if one.name == name)
+        at = np.searchsorted(body.framesets, placed.framesets)
+        expected = body.rig_from_body[at] @ body.body_from_rect[row]
+        np.testing.assert_allclose(placed.rig_from_rect.matrix(), expected.matrix(), atol=1e-9)
+        assert (np.linalg.eigvalsh(placed.covariance) > 0).all()
+
+
+def test_a_layout_that_is_given_is_kept_and_helps(box):
+    made, rig = box
+    (body,) = rig.bodies
+    layout = dict(zip(body.rectangles, layout_of(made, body), strict=True))
+    given = [replace(r, body_from_rect=layout[r.name]) for r in made.made.rectangles]
+    known = calibrate(made.made.inputs, given, made.made.views, "cam0")
+    np.testing.assert_allclose(known.bodies[0].body_from_rect[2].matrix(), layout["tag2"].matrix(), atol=1e-12)
+    assert not known.bodies[0].layout_covariance.any()
+    # Known roughly, it is found again, and the surer for it.
+    rough = [replace(r, layout_sigma=(0.01, 1e-3)) for r in given]
+    roughly = calibrate(made.made.inputs, rough, made.made.views, "cam0")
+    angle = np.linalg.norm(
+        vector_from_rotation(roughly.bodies[0].body_from_rect.rotation[1].T @ layout["tag1"].rotation)
+    )
+    assert angle < 0.01
+    # Up to the noise, which each of them estimates anew.
+    assert known.position_sigma("cam1") < 1.05 * roughly.position_sigma("cam1")
+    assert roughly.position_sigma("cam1") < 1.05 * rig.position_sigma("cam1")
+
+
+def test_a_body_and_its_rectangles_fit_each_other(box):
+    made, _ = box
+    stands = [replace(r, moving=r.name != "tag1") for r in made.made.rectangles]
+    with pytest.raises(QuadrigError, match=r"'box': rectangle '.*' of it moves and 'tag1' stands still"):
+        calibrate(made.made.inputs, stands, made.made.views)
+    named = [replace(r, body="tag0") for r in made.made.rectangles]
+    with pytest.raises(QuadrigError, match="body 'tag0' has the name of a rectangle"):
+        calibrate(made.made.inputs, named, made.made.views)
