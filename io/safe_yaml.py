@@ -4,17 +4,16 @@ from typing import Any
 
 import yaml
 
+from quadrig.io.whole_file import LARGEST_OF_CAMERAS
+
 SAFE_LOADER: type = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 """Libyaml's where PyYAML was built with it: eight times as quick."""
-
-# A thousand cameras with all their digits; YAML is read at a megabyte a second.
-_LARGEST = 4_000_000
 
 
 def read_yaml(content: bytes, loader: type = SAFE_LOADER) -> dict[str, Any]:
     """The mapping of a YAML file. Raises ValueError where it is none, or larger than any file of cameras or targets,
     and yaml.YAMLError where it is no YAML."""
-    if len(content) > _LARGEST:
+    if len(content) > LARGEST_OF_CAMERAS:
         raise ValueError(f"{len(content)} bytes of YAML are no file of cameras")
     values = yaml.load(content, loader)
     if not isinstance(values, dict):

@@ -1,4 +1,4 @@
-"""Files appear whole or not at all: written beside their place, then renamed into it."""
+"""Files appear whole or not at all: written beside their place, then renamed into it; and are read whole."""
 
 import os
 import stat
@@ -8,6 +8,28 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from quadrig.single.errors import QuadrigError
+
+LARGEST_TEXT = 1 << 25
+"""Bytes of the longest text that is written for us: ten thousand rectangles, a day's table of times."""
+
+LARGEST_OF_CAMERAS = 4_000_000
+"""Bytes of a thousand cameras with all their digits; YAML is read at a megabyte a second."""
+
+
+def read_whole(path: Path, most: int = LARGEST_TEXT) -> bytes:
+    """The bytes of a file. Raises QuadrigError where it is larger than its kind is, and OSError as open does."""
+    with path.open("rb") as stream:
+        # What is no file has no size.
+        known = os.fstat(stream.fileno()).st_size
+        data = stream.read(most + 1) if known <= most else b""
+    if known > most or len(data) > most:
+        raise QuadrigError(f"{path}: is larger than {most // 10**6} MB, which no such file is; give another")
+    return data
+
+
+def read_text(path: Path) -> str:
+    """The text of a file, as Path.read_text gives it. Raises as read_whole, and UnicodeDecodeError."""
+    return read_whole(path).decode().replace("\r\n", "\n").replace("\r", "\n")
 
 
 @contextmanager

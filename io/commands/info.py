@@ -147,4 +147,4 @@ def _rate(camera: RecordedCamera) -> float | None:
 
 
 def _seconds(framesets: Framesets) -> float:
-    return float(framesets.times[-1] - framesets.times[0]) / 1e9 if len(framesets) else 0.0
+    return (float(framesets.times[-1]) - float(framesets.times[0])) / 1e9 if len(framesets) else 0.0

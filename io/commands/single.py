@@ -9,7 +9,7 @@ import typer
 
 from quadrig.io.config.kalibr_target import read_target
 from quadrig.io.config.known_sizes import PAPER_SIZES
-from quadrig.io.recording.decode_image import UndecodableImage, decode_file
+from quadrig.io.recording.decode_image import UndecodableImage, decode_file, read_picture_file
 from quadrig.io.recording.picture_header import read_header
 from quadrig.io.report.single import json_report, text_report
 from quadrig.io.search.plain_sights import sight_sentence
@@ -129,8 +129,8 @@ def read_picture(path: Path) -> tuple[Picture, str]:
     """
     if not path.is_file():
         raise QuadrigError(f"{path} is not there; give a picture")
-    data = path.read_bytes()
     try:
+        data = read_picture_file(path)
         return decode_file(data, gray=False), read_header(data).turned
     except UndecodableImage as error:
         raise QuadrigError(f"{path} is not a picture that can be read ({error}); give a JPEG or PNG") from error

@@ -23,7 +23,7 @@ import msgspec
 import numpy as np
 
 from quadrig.io.config.errors import decode_error, locate
-from quadrig.io.whole_file import write_text
+from quadrig.io.whole_file import read_text, write_text
 from quadrig.single.arrays import Floats
 from quadrig.single.errors import QuadrigError
 from quadrig.single.rectangle import Rectangle
@@ -105,6 +105,10 @@ def read_corners(path: Path, rectangles: Sequence[Rectangle]) -> tuple[PointedCo
         tables = msgspec.toml.decode(text, type=_File).corners
     except msgspec.DecodeError as error:
         raise decode_error(error, text, str(path), _File) from error
+    except RecursionError as error:
+        raise QuadrigError(f"{path}: lists are nested too deep; corners.toml needs two levels") from error
+    except ValueError as error:
+        raise QuadrigError(f"{path}: this is not TOML: {error}") from error
     read: dict[tuple[str, str, int | None], PointedCorners] = {}
     for index, table in enumerate(tables):
         where = partial(locate, str(path), text, f"$.corners[{index}]")
@@ -119,7 +123,7 @@ def read_corners(path: Path, rectangles: Sequence[Rectangle]) -> tuple[PointedCo
 
 def _text(path: Path) -> str:
     try:
-        return path.read_text(encoding="utf-8")
+        return read_text(path)
     except FileNotFoundError:
         return ""
     except (OSError, UnicodeDecodeError) as error:

@@ -10,6 +10,7 @@ import yaml
 from quadrig.io.config.marking_tables import marking_keys
 from quadrig.io.config.toml_lines import toml_line
 from quadrig.io.safe_yaml import read_yaml
+from quadrig.io.whole_file import read_whole
 from quadrig.single.errors import QuadrigError
 from quadrig.single.markings.april_grid import AprilGridMarking
 from quadrig.single.markings.chessboard import ChessboardMarking
@@ -43,7 +44,7 @@ def with_targets_read(text: str, folder: Path, name: str) -> str:
 def read_target(path: Path) -> Marking:
     """The marking that a Kalibr target file describes. Raises QuadrigError where it cannot be read as one."""
     try:
-        values = {str(key): str(value) for key, value in read_yaml(path.read_bytes()).items()}
+        values = {str(key): str(value) for key, value in read_yaml(read_whole(path)).items()}
     except (OSError, ValueError, yaml.YAMLError) as error:
         raise QuadrigError(
             f"{path} cannot be read ({' '.join(str(error).split())}); give a target file of Kalibr's"

@@ -15,7 +15,7 @@ from quadrig.io.config.kalibr_target import with_targets_read
 from quadrig.io.config.known_sizes import known_size
 from quadrig.io.config.marking_tables import Length, marking_keys, marking_of, marking_table, read_lengths
 from quadrig.io.config.toml_lines import toml_line
-from quadrig.io.whole_file import write_text
+from quadrig.io.whole_file import read_text, write_text
 from quadrig.rig.problem.camera_input import CameraInput, LensChoice
 from quadrig.rig.problem.layouts import check_bodies
 from quadrig.single.errors import QuadrigError
@@ -171,7 +171,7 @@ def read_config(path: Path | str) -> RigConfig:
     """
     path = Path(path)
     try:
-        text = path.read_text(encoding="utf-8")
+        text = read_text(path)
     except FileNotFoundError:
         raise QuadrigError(
             f"{path}: there is no such file; describe your rectangles in a rig.toml, or take one of examples/"

@@ -9,6 +9,7 @@ import yaml
 from quadrig.io.formats.format import Files, Held, Options, camera_matrix, lens_of, pose_of
 from quadrig.io.recording.camera import camera_name
 from quadrig.io.safe_yaml import read_yaml
+from quadrig.io.whole_file import read_whole
 from quadrig.rig.result import Camera, Rig
 from quadrig.single.arrays import Mask
 from quadrig.single.errors import QuadrigError
@@ -82,7 +83,7 @@ def is_kalibr(_path: Path, head: bytes) -> bool:
 def read_kalibr(path: Path) -> Held:
     """Lenses and poses of a camchain, of camera or camera-IMU calibration; cameras are named by their topics, where
     those differ. The rig frame is the first camera. Raises QuadrigError where a camera is of another model."""
-    root = read_yaml(path.read_bytes())
+    root = read_yaml(read_whole(path))
     chain = {key: value for key, value in root.items() if isinstance(value, dict) and "camera_model" in value}
     # Not strict: other writers leave 1e-05, which YAML 1.1 takes for a word.
     cameras = msgspec.convert(chain, dict[str, _Camera], strict=False)

@@ -2,11 +2,13 @@
 imagersize. Poses are rt_fromref (our camera_from_rig): a rotation vector, then a translation."""
 
 import ast
+import warnings
 from pathlib import Path
 
 import numpy as np
 
 from quadrig.io.formats.format import Files, Held, Options, camera_matrix, lens_of, pinhole_only
+from quadrig.io.whole_file import LARGEST_OF_CAMERAS, read_whole
 from quadrig.rig.result import Camera, Rig
 from quadrig.single.errors import QuadrigError
 from quadrig.single.pose import Pose
@@ -40,7 +42,9 @@ def is_mrcal(_path: Path, head: bytes) -> bool:
 
 def read_mrcal(path: Path) -> Held:
     """The lens and pose of one camera, named as the file. Raises QuadrigError where the model is none of OpenCV's."""
-    values = ast.literal_eval(path.read_text(encoding="utf-8"))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        values = ast.literal_eval(read_whole(path, LARGEST_OF_CAMERAS).decode())
     kind = values["lensmodel"].removeprefix(_PREFIX)
     if kind not in _COEFFICIENTS:
         names = ", ".join(_COEFFICIENTS)

@@ -9,6 +9,7 @@ import msgspec
 import numpy as np
 
 from quadrig.io.formats.format import GRAPHICS, HALF_PIXEL, Files, Held, Options, camera_matrix, lens_of, pose_of
+from quadrig.io.safe_json import read_json
 from quadrig.rig.result import Camera, Rig
 from quadrig.single.errors import QuadrigError
 from quadrig.single.lens import LensModel
@@ -84,7 +85,7 @@ def is_nerfstudio(_path: Path, head: bytes) -> bool:
 def read_nerfstudio(path: Path) -> Held:
     """Lenses and poses, a camera for each frame, named as its picture. Raises QuadrigError where the model is another
     than OPENCV or OPENCV_FISHEYE."""
-    root = msgspec.json.decode(path.read_bytes())
+    root: dict[str, Any] = read_json(path.read_bytes(), dict)
     file = msgspec.convert(root, _File)
     if file.camera_model not in _MODELS:
         raise QuadrigError(f"{path}: the model is {file.camera_model}; quadrig reads OPENCV and OPENCV_FISHEYE")

@@ -1,6 +1,5 @@
 """OpenCV's FileStorage: image size, camera matrix, distortion and pose of every camera."""
 
-import json
 import re
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Mapping, Sequence
@@ -20,7 +19,9 @@ from quadrig.io.formats.format import (
     plain_names,
     pose_of,
 )
+from quadrig.io.safe_json import read_json
 from quadrig.io.safe_yaml import SAFE_LOADER, read_yaml
+from quadrig.io.whole_file import LARGEST_OF_CAMERAS, read_whole
 from quadrig.rig.result import Rig
 from quadrig.single.arrays import Floats
 from quadrig.single.errors import QuadrigError
@@ -126,13 +127,13 @@ def _nodes(path: Path) -> dict[str, Any]:
 
     Not by cv2.FileStorage: a damaged file makes it write over memory that is not its own.
     """
-    content = path.read_bytes()
+    content = read_whole(path, LARGEST_OF_CAMERAS)
     if content.lstrip()[:1] == b"<":
         # An escaped quote belongs to a word, a plain one ends it.
         root = ElementTree.fromstring(content.replace(b"&quot;", _QUOTE.encode()))
         return {node.tag: {each.tag: each.text for each in node} or _words(node.text or "") for node in root}
     if content.lstrip()[:1] == b"{":
-        return json.loads(content)
+        return read_json(content, dict)
     # %YAML:1.0 is no directive of YAML's.
     return read_yaml(content.split(b"\n", 1)[-1] if content.startswith(b"%") else content, _Loader)
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from quadrig.io.formats.format import Files, Held, Options, lens_of, pose_of, rig_of
 from quadrig.io.rig_file.record import recorded_marking
+from quadrig.io.safe_json import read_json as read_values
 from quadrig.rig.doubt.lens_accuracy import lens_accuracy
 from quadrig.rig.result import CAMERA_PARAMETERS, Camera, PlacedRectangle, Rig
 from quadrig.single.arrays import Floats
@@ -119,7 +120,7 @@ def is_rig_json(_path: Path, head: bytes) -> bool:
 def read_json(path: Path) -> Held:
     """The Rig of our JSON. What doubt the file does not state is nan: all but the diagonal, where there are sigmas
     and no covariance. Raises QuadrigError where a newer quadrig wrote it."""
-    held = msgspec.json.decode(path.read_bytes(), type=_File)
+    held: _File = read_values(path.read_bytes(), _File)
     if held.version > JSON_VERSION:
         raise QuadrigError(f"{path}: has version {held.version}, this quadrig reads up to {JSON_VERSION}; upgrade it")
     poses = {

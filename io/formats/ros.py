@@ -16,6 +16,7 @@ import yaml
 
 from quadrig.io.formats.format import Files, Held, Options, coefficients, lens_of, pose_of_quaternion
 from quadrig.io.safe_yaml import read_yaml
+from quadrig.io.whole_file import LARGEST_OF_CAMERAS, read_whole
 from quadrig.rig.result import Camera, Rig
 from quadrig.single.arrays import Floats
 from quadrig.single.errors import QuadrigError
@@ -132,7 +133,7 @@ def is_camera_info(_path: Path, head: bytes) -> bool:
 
 def read_camera_info(path: Path) -> Held:
     """The lens of one camera, by its camera_name or the file's. Raises QuadrigError where its model is unknown."""
-    info = msgspec.convert(read_yaml(path.read_bytes()), _CameraInfo, strict=False)
+    info = msgspec.convert(read_yaml(read_whole(path)), _CameraInfo, strict=False)
     if info.distortion_model not in _MODELS:
         raise QuadrigError(f"{path}: the model is {info.distortion_model}; quadrig reads {', '.join(_MODELS)}")
     size, model = (info.image_width, info.image_height), _MODELS[info.distortion_model]
@@ -153,7 +154,7 @@ def read_frames(path: Path) -> Held:
     Raises QuadrigError where the frames are no tree.
     """
     parents: dict[str, tuple[str, Pose]] = {}
-    root = ElementTree.parse(path).getroot()
+    root = ElementTree.fromstring(read_whole(path, LARGEST_OF_CAMERAS))
     for parent, child, pose in _joints(root) if root.tag == "robot" else _publishers(root):
         if child in parents:
             raise QuadrigError(f"{path}: frame {child!r} has two parents; give each one")

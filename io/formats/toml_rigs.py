@@ -14,6 +14,7 @@ import numpy as np
 
 from quadrig.io.config.toml_lines import toml_line
 from quadrig.io.formats.format import Files, Held, Options, coefficients, lens_of
+from quadrig.io.whole_file import LARGEST_OF_CAMERAS, read_whole
 from quadrig.rig.result import Camera, Rig
 from quadrig.single.errors import QuadrigError
 from quadrig.single.pose import Pose
@@ -108,7 +109,7 @@ def is_toml_rig(_path: Path, head: bytes) -> bool:
 
 def read_toml(path: Path) -> Held:
     """Lenses and poses of any of the four. Raises QuadrigError where two cameras have one name."""
-    root = tomllib.loads(path.read_text(encoding="utf-8"))
+    root = tomllib.loads(read_whole(path, LARGEST_OF_CAMERAS).decode())
     metadata = root.get("metadata", {})
     tables = root.get("cameras") or {k: v for k, v in root.items() if isinstance(v, dict) and "matrix" in v}
     cameras = msgspec.convert(tables, dict[str, _Camera])

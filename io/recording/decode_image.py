@@ -5,16 +5,19 @@ A picture whose EXIF says that it is turned is turned: pixels are those of the p
 """
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from quadrig.io.recording.limits import too_many_pixels
+from quadrig.io.recording.limits import most_pixels, too_many_pixels
 from quadrig.io.recording.messages.image_message import EncodedImage
 from quadrig.io.recording.picture_header import PictureHeader, read_header, upright
+from quadrig.io.whole_file import read_whole
 from quadrig.single.arrays import Picture
+from quadrig.single.errors import QuadrigError
 
 # Channels, bytes of a sample, and OpenCV's conversions to grey and to BGR (None: leave as it is).
 _PACKED = {
@@ -44,6 +47,8 @@ _PLANAR = {
 }
 _SAME_AS = {"yuv422": "uyvy", "yuv422_yuy2": "yuyv", "yuy2": "yuyv"}
 _DEPTH = ("16uc1", "16sc1", "32fc1", "64fc1", "compresseddepth")
+# Bytes of a pixel that is stored as it is: four channels of sixteen bits.
+_WIDEST_PIXEL = 8
 # What shows through where a picture with alpha has nothing: the paper on which one would see it.
 _WHITE = 255
 
@@ -65,6 +70,16 @@ class UndecodableImage(ValueError):  # noqa: N818 - it names the image, which is
 def is_depth(encoding: str) -> bool:
     """Whether the encoding is that of depths, which no marking can be seen in."""
     return any(word in encoding.lower() for word in _DEPTH)
+
+
+def read_picture_file(path: Path) -> bytes:
+    """The bytes of an image file. Raises UndecodableImage where it cannot be read, or is larger than any picture."""
+    try:
+        return read_whole(path, most_pixels() * _WIDEST_PIXEL)
+    except QuadrigError as error:
+        raise UndecodableImage(str(error)) from error
+    except OSError as error:
+        raise UndecodableImage(error.strerror or str(error)) from error
 
 
 def decode_image(coded: EncodedImage, gray: bool = True, shrink: int = 1) -> Picture:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from quadrig.io.recording.decode_image import UndecodableImage, decode_file
+from quadrig.io.recording.decode_image import UndecodableImage, decode_file, read_picture_file
 from quadrig.io.recording.image_source import even_batches
 from quadrig.io.recording.picture_header import HEADER_BYTES, PictureHeader, read_header
 from quadrig.single.arrays import Ints, Picture
@@ -69,8 +69,8 @@ class ImageFiles:
         """As ImageSource has it."""
         for path in self.paths:
             try:
-                yield decode_file(path.read_bytes(), gray, shrink)
-            except (UndecodableImage, OSError):
+                yield decode_file(read_picture_file(path), gray, shrink)
+            except UndecodableImage:
                 yield None
 
     def batches(self, indices: Ints, size: int) -> list[Ints]:
@@ -132,7 +132,7 @@ def file_header(path: Path) -> PictureHeader | None:
             try:
                 return read_header(begin)
             except ValueError:
-                return read_header(begin + stream.read()) if len(begin) == HEADER_BYTES else None
+                return read_header(read_picture_file(path)) if len(begin) == HEADER_BYTES else None
     except (OSError, ValueError):
         return None
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from quadrig.io.recording.camera import RecordedCamera
 from quadrig.io.recording.image_source import Stamped
+from quadrig.io.whole_file import read_whole
 from quadrig.single.errors import QuadrigError
 
 _CAMERA = ("cam_id", "camera", "camera_name", "camera_id", "cam", "cam_name", "port", "device", "view")
@@ -84,8 +85,7 @@ def _read_table(table: Path) -> tuple[dict[str, list[tuple[int, int]]], bool]:
     are times."""
     rows: dict[str, list[tuple[int, int]]] = {}
     try:
-        with table.open(newline="", encoding="utf-8-sig") as stream:
-            text = stream.read()
+        text = read_whole(table).decode("utf-8-sig")
         lines = text.splitlines()
         delimiter = max(",;\t", key=lines[0].count) if lines else ","
         reader = csv.DictReader(lines, delimiter=delimiter, skipinitialspace=True)

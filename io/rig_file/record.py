@@ -11,6 +11,7 @@ import numpy as np
 
 from quadrig.io.rig_file.json_numbers import Number, number, numbers, read_number, read_numbers
 from quadrig.io.rig_file.view_record import ViewRecord, recorded_view, view_record
+from quadrig.io.safe_json import read_json
 from quadrig.rig.result import CAMERA_PARAMETERS, Camera, PlacedBody, PlacedRectangle, Rig, ViewFit
 from quadrig.rig.sheet_shape import SHAPE_PARAMETERS, SheetShape
 from quadrig.single.errors import QuadrigError
@@ -170,9 +171,9 @@ def encode_fit(fit: ViewFit) -> bytes:
 def decode_rig(record: bytes, fits: tuple[ViewFit, ...] = ()) -> tuple[Rig, tuple[int, ...]]:
     """The Rig of a RigRecord, holding these ViewFits, and the times of its framesets.
 
-    Raises QuadrigError where the record is of a newer format, msgspec.DecodeError where it is no such record.
+    Raises QuadrigError where the record is of a newer format, ValueError where it is no such record.
     """
-    held = msgspec.json.decode(record, type=RigRecord)
+    held: RigRecord = read_json(record, RigRecord)
     if held.format > RECORD_FORMAT:
         raise QuadrigError(
             f"the rig record has format {held.format} and this quadrig reads up to {RECORD_FORMAT}; upgrade quadrig"
@@ -208,7 +209,7 @@ def _rig(held: RigRecord, fits: tuple[ViewFit, ...]) -> Rig:
 
 def decode_fit(record: bytes) -> ViewFit:
     """The ViewFit of a FitRecord. Raises ValueError, of which msgspec's errors are, where it is none."""
-    held = msgspec.json.decode(record, type=FitRecord)
+    held: FitRecord = read_json(record, FitRecord)
     view = recorded_view(held)
     if len(held.used) != len(view.pixels) or held.reading not in range(len(view.readings)):
         raise ValueError(f"a View of {len(view.pixels)} points with {len(held.used)} marks, reading {held.reading}")

@@ -7,7 +7,7 @@ outline as foxglove.PointCloud, so that viewers that know no rectangle draw it t
 """
 
 from collections.abc import Iterator, Sequence
-from contextlib import suppress
+from contextlib import closing, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,7 +16,7 @@ import msgspec
 import numpy as np
 
 from quadrig.io.drawing.geometry import dense_outline
-from quadrig.io.recording.messages.mcap_reader import index_mcap, is_mcap
+from quadrig.io.recording.messages.mcap_reader import McapBytes, McapIndex, index_mcap, is_mcap
 from quadrig.io.rig_file.record import (
     RECORD_FORMAT,
     FitRecord,
@@ -26,6 +26,7 @@ from quadrig.io.rig_file.record import (
     encode_fit,
     encode_rig,
 )
+from quadrig.io.safe_json import read_json
 from quadrig.io.topic_writer import TopicWriter
 from quadrig.io.version import __version__
 from quadrig.io.whole_file import refuse_no_place, written_beside
@@ -109,20 +110,27 @@ def read_rig(path: Path | str) -> Rig:
 
 def read_rig_file(path: Path | str) -> RigFile:
     """All that a rig.mcap holds. Raises QuadrigError where the file is absent, no MCAP, or holds no rig."""
-    from mcap.reader import make_reader
+    from mcap.records import Attachment, Metadata
+    from mcap.stream_reader import StreamReader
 
     path = Path(path)
     if not path.is_file():
         raise QuadrigError(f"there is no file {path}; give the rig.mcap that `rig calibrate` wrote")
     try:
+        index = index_mcap(path)
+        if index.note:
+            raise ValueError(index.note)
+        records, views = (list(_messages(index, topic)) for topic in (RIG_TOPIC, VIEWS_TOPIC))
+        config: list[str] = []
+        metadata: dict[str, str] = {}
         with path.open("rb") as stream:
-            reader = make_reader(stream, validate_crcs=True)
-            records, views = [], []
-            for _, channel, message in reader.iter_messages(topics=[RIG_TOPIC, VIEWS_TOPIC], log_time_order=False):
-                (records if channel.topic == RIG_TOPIC else views).append(message.data)
-            config = [a.data.decode() for a in reader.iter_attachments() if a.name == CONFIG_ATTACHMENT]
-            (metadata,) = [m.metadata for m in reader.iter_metadata() if m.name == "quadrig"][-1:] or [{}]
-            recordings = msgspec.json.decode(metadata.get("recordings", "[]"), type=tuple[str, ...])
+            # Chunks are left as they are: what they unfold to is read above, within its limit.
+            for record in StreamReader(stream, emit_chunks=True, validate_crcs=True).records:
+                if isinstance(record, Attachment) and record.name == CONFIG_ATTACHMENT:
+                    config.append(record.data.decode())
+                elif isinstance(record, Metadata) and record.name == "quadrig":
+                    metadata = record.metadata
+        recordings = read_json(metadata.get("recordings", "[]").encode(), tuple[str, ...])
         if not records:
             raise QuadrigError(f"{path} is MCAP but holds no rig; give the rig.mcap that `rig calibrate` wrote")
         rig, times = decode_rig(records[-1], tuple(decode_fit(view) for view in views))
@@ -136,6 +144,15 @@ def read_rig_file(path: Path | str) -> RigFile:
             f"{path} cannot be read as a rig.mcap ({_first_line(error)}); write it again with `rig calibrate`"
         ) from error
     return RigFile(rig, "".join(config[-1:]), times, metadata.get("version", ""), recordings)
+
+
+def _messages(index: McapIndex, name: str) -> Iterator[bytes]:
+    """The messages of a topic in the order that they were written in. Raises ValueError where one is damaged."""
+    with closing(McapBytes(index.path)) as file:
+        for topic in index.topics:
+            if topic.topic == name:
+                for chunk, offset in sorted(zip(topic.chunks.tolist(), topic.offsets.tolist(), strict=True)):
+                    yield file.message(chunk, offset)
 
 
 def rig_frame_name(rig: Rig) -> str:

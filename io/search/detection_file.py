@@ -24,6 +24,7 @@ from quadrig.io.recording.messages.image_message import holds_images
 from quadrig.io.recording.messages.mcap_reader import McapBytes, McapIndex, index_mcap
 from quadrig.io.rig_file.rig_mcap import RIG_TOPIC
 from quadrig.io.rig_file.view_record import ViewRecord, recorded_view, view_record
+from quadrig.io.safe_json import read_json
 from quadrig.io.topic_writer import TopicWriter
 from quadrig.io.whole_file import refuse_no_place
 from quadrig.single.arrays import Ints
@@ -195,9 +196,9 @@ def _records(index: McapIndex) -> Iterator[tuple[ImageRecord | None, tuple[View,
                 continue
             for chunk, offset in zip(topic.chunks.tolist(), topic.offsets.tolist(), strict=True):
                 try:
-                    record = msgspec.json.decode(file.message(chunk, offset), type=ImageRecord)
+                    record: ImageRecord = read_json(file.message(chunk, offset), ImageRecord)
                     views = _views(record)
-                except (ValueError, msgspec.MsgspecError):
+                except ValueError:
                     yield None, ()
                 else:
                     yield record, views

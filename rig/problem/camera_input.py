@@ -12,6 +12,12 @@ from quadrig.single.lens_prior import LensEvidence
 
 LensChoice = Literal["auto", "f", "f k1", "f k1 k2", "f c k1 k2", "full", "fisheye"]
 
+# In sizes of the picture: a telescope's focal length, and one as much too short.
+_LONGEST_FOCAL = 1e4
+_LARGEST_ASPECT = 100.0
+# Of k3, which grows with the sixth power of the focal: barrel distortion of 10 % at a telescope's rim has a million.
+_LARGEST_TERM = 1e12
+
 
 @dataclass(frozen=True, eq=False)
 class CameraInput:
@@ -44,6 +50,8 @@ class CameraInput:
             raise QuadrigError(
                 f"camera {self.name!r}: image size {self.width}x{self.height}; give the size of its pictures"
             )
+        if self.intrinsics is not None and not _is_a_lens(self.intrinsics):
+            raise QuadrigError(f"camera {self.name!r}: the lens given is that of no camera; mend its numbers")
         doubts = [known for known in (self.lens_covariance, self.lens_evidence) if known is not None]
         if doubts and self.intrinsics is None:
             raise QuadrigError(f"camera {self.name!r}: doubt of a lens without intrinsics; give its lens")
@@ -63,3 +71,14 @@ class CameraInput:
         # Rounding leaves eigenvalues of what is perfectly correlated a little below zero.
         if np.linalg.eigvalsh(covariance / np.outer(scale, scale)).min() < -1e-6:
             raise QuadrigError(f"camera {self.name!r}: lens_covariance has negative variances; compute it again")
+
+
+def _is_a_lens(lens: Intrinsics) -> bool:
+    """Whether its numbers are those of some camera."""
+    size = max(lens.width, lens.height)
+    return bool(
+        size / _LONGEST_FOCAL < lens.focal < size * _LONGEST_FOCAL
+        and 1 / _LARGEST_ASPECT < lens.aspect < _LARGEST_ASPECT
+        and np.abs(lens.principal_point).max() < size * _LONGEST_FOCAL
+        and np.abs(lens.distortion).max() < _LARGEST_TERM
+    )

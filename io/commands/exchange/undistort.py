@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from quadrig.io.formats.any_file import read_any_lenses
 from quadrig.io.formats.maps import remap_tables
 from quadrig.io.progress import progress_bar
-from quadrig.io.recording.decode_image import UndecodableImage, decode_unchanged
+from quadrig.io.recording.decode_image import UndecodableImage, decode_unchanged, read_picture_file
 from quadrig.io.recording.image_folder import IMAGE_SUFFIXES, file_header, folder_images
 from quadrig.io.recording.video import VIDEO_SUFFIXES, VideoFile, read_video
 from quadrig.io.whole_file import written_beside
@@ -135,7 +135,7 @@ def _remapped(image: Picture, lens: Intrinsics, tables: Tables, where: Path) -> 
 
 def _picture(source: Path, target: Path, lens: Intrinsics, tables: Tables) -> None:
     try:
-        image = decode_unchanged(source.read_bytes())
+        image = decode_unchanged(read_picture_file(source))
     except UndecodableImage as error:
         raise QuadrigError(f"{source}: cannot be read as a picture ({error}); leave it out") from error
     done, encoded = cv2.imencode(target.suffix, _remapped(image, lens, tables, source))

@@ -7,6 +7,7 @@ from pathlib import Path
 import msgspec
 
 from quadrig.io.rig_file.view_record import ViewRecord, recorded_view, view_record
+from quadrig.io.safe_json import read_json
 from quadrig.single.view import View
 
 KEPT_TOPIC = "/quadrig/kept_views"
@@ -63,10 +64,10 @@ def read_kept_views(path: Path) -> tuple[list[View], dict[str, tuple[int, int]]]
                 if isinstance(record, Channel) and record.topic == KEPT_TOPIC:
                     channels.add(record.id)
                 elif isinstance(record, Message) and record.channel_id in channels:
-                    kept = msgspec.json.decode(record.data, type=_KeptFrameset)
+                    kept: _KeptFrameset = read_json(record.data, _KeptFrameset)
                     sizes.update(kept.sizes)
                     views += [replace(recorded_view(view), frameset=kept.frameset) for view in kept.views]
-        except (McapError, EOFError):
+        except (McapError, EOFError, ValueError):
             # A session that was killed leaves a file without an end; what came before the cut is whole.
             pass
     return views, sizes

@@ -15,6 +15,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
+from quadrig.io.safe_json import read_json
 from quadrig.single.lens import Intrinsics, LensModel
 
 _HEADER = """std_msgs/Header header
@@ -125,7 +126,7 @@ def stamp_of_whole(encoding: str, schema: str, data: bytes) -> int:
     Raises ValueError where the bytes are not such a message.
     """
     if encoding == "json":
-        return _stamp_from_json(msgspec.json.decode(data).get("timestamp"))
+        return _stamp_from_json(read_json(data, dict).get("timestamp"))
     if encoding == "protobuf":
         stamp = _protobuf_class(schema).FromString(data).timestamp
         return stamp.seconds * 10**9 + stamp.nanos
@@ -230,7 +231,7 @@ class _JsonMessage:
 def _foxglove_message(encoding: str, schema: str, data: bytes) -> Any:
     if encoding == "protobuf":
         return _protobuf_class(schema).FromString(data)
-    fields = msgspec.json.decode(data)
+    fields = read_json(data, dict)
     return _JsonMessage(
         data=base64.b64decode(fields.get("data", "")),
         format=fields.get("format", ""),

@@ -126,3 +126,9 @@ def test_a_file_that_was_broken_by_hand_is_not_overwritten(tmp_path):
 def test_the_names_are_those_of_the_corners():
     for name, (x, y, _) in zip(CORNER_NAMES, COURT.corners, strict=True):
         assert name == f"{'bottom' if y > 0 else 'top'}_{'right' if x > 0 else 'left'}"
+
+
+def test_nested_too_deep_is_one_sentence(tmp_path):
+    (tmp_path / "corners.toml").write_text("corners = " + "[" * 5000 + "]" * 5000)
+    with pytest.raises(QuadrigError, match=r"corners\.toml: lists are nested too deep"):
+        read_corners(tmp_path / "corners.toml", [])

@@ -22,6 +22,8 @@ from quadrig.io.recording.framesets import build_framesets
 from quadrig.io.recording.messages.image_message import EncodedImage
 from quadrig.io.recording.messages.mcap_reader import MAGIC, index_mcap
 from quadrig.io.recording.recorded_cameras import open_recording
+from quadrig.io.rig_file.record import encode_rig
+from quadrig.io.topic_writer import TopicWriter
 from quadrig.single.errors import QuadrigError
 
 foxglove = pytest.importorskip("foxglove")
@@ -166,21 +168,51 @@ def test_raw_images_that_claim_what_they_have_not(claim):
     tracemalloc.stop()
 
 
-def test_no_more_than_a_gigabyte_for_all_of_them(tmp_path):
+def json_bomb(path, topic: str, schema: str, message: bytes) -> None:
+    """Empty lists and objects, 25 bytes of memory for each that is written, within the limit of a chunk."""
+    with path.open("wb") as stream:
+        writer = TopicWriter(stream, "zstd")
+        writer.declare_json(topic, schema)
+        writer.write_json(topic, message, 10**18)
+        writer.finish()
+
+
+def test_no_more_than_a_gigabyte_for_all_of_them(tmp_path, example_rig):
     """The resident size of a process of its own that meets every bomb at the limit as it is."""
     (tmp_path / "zstd.mcap").write_bytes(
         chunk_file("zstd", zstandard.ZstdCompressor().compress(bytes(1 << 24)) * 400, 6_553_600_000)
     )
     (tmp_path / "lz4.mcap").write_bytes(chunk_file("lz4", lz4.frame.compress(bytes(1 << 30)), 1 << 30))
     (tmp_path / "a.png").write_bytes(png(32000, 32000))
+    lists = b"[" + b"[]," * 20_000_000 + b"0]"
+    json_bomb(
+        tmp_path / "rig.mcap",
+        "/quadrig/rig",
+        "quadrig.Rig",
+        encode_rig(example_rig)[:-1] + b',"costs":' + lists + b"}",
+    )
+    json_bomb(tmp_path / "image.mcap", "/cam0/image", "foxglove.CompressedImage", b'{"data":"","D":' + lists + b"}")
+    for name in ("rig.toml", "huge.png", "rig.json", "rig.yml", "rig.usdz", "times.csv"):
+        with (tmp_path / name).open("wb") as stream:
+            stream.write(b"\x89PNG\r\n\x1a\n" if name == "huge.png" else b"")
+            stream.truncate(3 << 30)
+    (tmp_path / "good.png").write_bytes(cv2.imencode(".png", np.zeros((8, 8), np.uint8))[1].tobytes())
+    commands = [
+        ["info", "zstd.mcap"], ["info", "lz4.mcap"], ["info", "rig.mcap"], ["info", "image.mcap"],
+        ["info", "huge.png"],
+        ["single", "a.png", "--paper", "A4"], ["single", "huge.png", "--paper", "A4"], ["import", "rig.mcap"],
+        ["import", "rig.json"], ["import", "rig.yml"], ["import", "rig.usdz"], ["calibrate", "good.png"],
+        ["record", "good.png", "-o", "out.mcap", "--timestamps", "times.csv"],
+    ]  # fmt: skip
     script = (
         "import resource, sys\nfrom quadrig.io.commands.main import run\n"
         "before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss\n"
-        "for name in ('zstd.mcap', 'lz4.mcap'):\n    assert run(['info', sys.argv[1] + '/' + name]) == 1\n"
-        "assert run(['single', sys.argv[1] + '/a.png', '--paper', 'A4']) == 1\n"
+        f"for words in {commands}:\n    assert run(words) == 1, words\n"
         "print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before)"
     )
-    done = subprocess.run([sys.executable, "-c", script, str(tmp_path)], capture_output=True, text=True, check=True)
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, cwd=tmp_path, check=False)
+    assert done.returncode == 0, done.stderr
+    assert done.stderr.count("\n") == done.stderr.count("rig: ") == len(commands), done.stderr
     assert int(done.stdout) < 1 << 20
 
 

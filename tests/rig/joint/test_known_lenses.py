@@ -122,3 +122,12 @@ def test_what_is_known_must_be_of_a_lens():
     ):
         with pytest.raises(QuadrigError, match=said):
             CameraInput("a", 640, 480, given, lens_covariance=covariance)
+
+
+@pytest.mark.parametrize(
+    "change", [{"focal": 1e-320}, {"focal": 1e308}, {"distortion": np.full(5, 1e308)}, {"aspect": np.nan}]
+)
+def test_numbers_that_no_lens_has_are_refused(change):
+    lens = replace(Intrinsics.centred(640, 480, 500.0), **change)
+    with pytest.raises(QuadrigError, match="camera 'left': the lens given is that of no camera"):
+        CameraInput("left", 640, 480, lens)
