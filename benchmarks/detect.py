@@ -19,6 +19,7 @@ from quadrig.io.demo.scene import demo_scene
 from quadrig.single.arrays import Floats, Picture
 from quadrig.single.detect.dictionaries import tag_dictionary
 from quadrig.single.detect.image_search import detect_views
+from quadrig.single.markings.april_grid import AprilGridMarking
 from quadrig.single.markings.charuco import CharucoMarking
 from quadrig.single.markings.tag import TagMarking
 from quadrig.single.rectangle import Marking, Rectangle
@@ -73,6 +74,7 @@ class PlainLoop:
         parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
         self._tags: dict[str, dict[int, Rectangle]] = {}
         self._boards: list[tuple[str, Floats, cv2.aruco.CharucoDetector]] = []
+        self._grids: list[tuple[str, Floats, cv2.aruco.ArucoDetector]] = []
         for rectangle in rectangles:
             self._add(rectangle.marking, rectangle)
         self._detectors = {name: cv2.aruco.ArucoDetector(tag_dictionary(name), parameters) for name in self._tags}
@@ -96,6 +98,15 @@ class PlainLoop:
         )
         self._boards.append((rectangle.name, marking.points(rectangle), cv2.aruco.CharucoDetector(board)))
 
+    @_add.register
+    def _(self, marking: AprilGridMarking, rectangle: Rectangle) -> None:
+        parameters = cv2.aruco.DetectorParameters()
+        parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
+        parameters.markerBorderBits = marking.border
+        detector = cv2.aruco.ArucoDetector(tag_dictionary(marking.dictionary), parameters)
+        # Tag by tag, in the order of ids; its corners from the top left as Eq. 4's from the bottom right.
+        self._grids.append((rectangle.name, marking.points(rectangle).reshape(-1, 4, 3), detector))
+
     def __call__(self, grey: Picture) -> Found:
         """All that is found in one picture."""
         found: Found = {}
@@ -109,6 +120,15 @@ class PlainLoop:
             corners, ids, _, _ = detector.detectBoard(grey)
             if ids is not None and len(ids) >= 4:
                 found[name] = (points[np.ravel(ids).astype(int)], np.asarray(corners.reshape(-1, 2), float))
+        for name, points, detector in self._grids:
+            quads, ids, _ = detector.detectMarkers(grey)
+            seen = [
+                (int(tag), quad) for tag, quad in zip(np.ravel(ids) if ids is not None else [], quads, strict=True)
+            ]
+            seen = [(tag, quad) for tag, quad in seen if tag < len(points)]
+            if seen:
+                pixels = np.concatenate([np.asarray(quad, float).reshape(4, 2) for _, quad in seen])
+                found[name] = (np.concatenate([points[tag] for tag, _ in seen]), pixels)
         return found
 
 

@@ -11,8 +11,10 @@ _REACH, _LEAST_REACH = 0.45, 24
 
 
 def grey_image(image: Picture) -> Picture:
-    """The image (h, w) of a grey or blue-green-red one. Raises QuadrigError where it is neither."""
+    """The image (h, w) of a grey or blue-green-red one. Raises QuadrigError where it is neither, or empty."""
     image = np.asarray(image)
+    if not image.size:
+        raise QuadrigError(f"an image of shape {image.shape} has no pixels; give one that was read whole")
     if image.dtype != np.uint8 or image.ndim not in (2, 3) or (image.ndim == 3 and image.shape[2] not in (1, 3)):
         raise QuadrigError(
             f"an image of shape {image.shape} and type {image.dtype} cannot be searched; give 8-bit grey or colour"

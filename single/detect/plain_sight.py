@@ -87,7 +87,7 @@ def _chessboard(pictures: Sequence[Picture]) -> PlainSight | None:
 
 def _meant_instead(pictures: Sequence[Picture], rectangle: Rectangle) -> Marking | None:
     """The marking that explains most of one of the pictures, of those that may be meant in a rectangle's place."""
-    best, most = None, _SURE_POINTS - 1
+    best, most = None, (_SURE_POINTS - 1, 0)
     for grey in pictures:
         for marking in rectangle.marking.meant_instead(grey):
             if marking == rectangle.marking:
@@ -96,8 +96,9 @@ def _meant_instead(pictures: Sequence[Picture], rectangle: Rectangle) -> Marking
             other = replace(rectangle, width=width, height=height, marking=marking, back=False)
             views = detect_views(grey, [other], near=[])
             points = max((len(view.pixels) for view in views), default=0)
-            if points > most:
-                best, most = marking, points
+            # Of two boards that show as much, the smaller one has nothing that is not seen.
+            if (points, -len(marking.points(other))) > most:
+                best, most = marking, (points, -len(marking.points(other)))
     return best
 
 

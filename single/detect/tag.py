@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 
 from quadrig.single.arrays import Floats, Ints, Mask, Picture
+from quadrig.single.detect.blurred_bits import read_tags
 from quadrig.single.detect.dictionaries import tag_cells, tag_dictionary
 from quadrig.single.detect.pictures import reduced
 from quadrig.single.subpixel.edge_fit import EdgeFit, Outline, fit_outline
@@ -119,13 +120,25 @@ def _find_once(
 ) -> dict[int, list[Floats]]:
     # Rounded, so that windows of all sizes share few detectors.
     rate = max(_LEAST_PERIMETER_RATE, round(_LEAST_PERIMETER / max(image.shape), 2))
-    corners, ids, _ = _detector(dictionary, wanted, windows, rate, border).detectMarkers(image)
+    corners, ids, others = _detector(dictionary, wanted, windows, rate, border).detectMarkers(image)
     found: dict[int, list[Floats]] = {}
     if ids is not None:
-        for tag_id, quad in zip(np.ravel(ids), corners, strict=True):
-            own = int(tag_id) if wanted is None else wanted[int(tag_id)]
-            found.setdefault(own, []).append(np.asarray(quad, float).reshape(4, 2))
-    return found
+        for tag, quad in zip(np.ravel(ids).tolist(), corners, strict=True):
+            found.setdefault(tag, []).append(np.asarray(quad, float).reshape(4, 2))
+    # Among all tags of a dictionary there is one that anything looks like.
+    if wanted is not None and len(others):
+        quads = np.array(others, float).reshape(-1, 4, 2)
+        tags, turned = read_tags(image, quads, dictionary, wanted, border)
+        for k in np.flatnonzero(tags >= 0).tolist():
+            # An outline has another within it, or around it.
+            if not any(_same_place(turned[k], quad) for quad in found.get(tags[k], [])):
+                found.setdefault(int(tags[k]), []).append(turned[k])
+    return found if wanted is None else {wanted[tag]: quads for tag, quads in found.items()}
+
+
+def _same_place(one: Floats, other: Floats) -> bool:
+    """Whether the middle of a quadrilateral (4, 2) lies within another."""
+    return cv2.pointPolygonTest(other.astype(np.float32), one.mean(axis=0).tolist(), measureDist=False) >= 0
 
 
 def reads_as(grey: Picture, corners: Floats, name: str, tag_id: int) -> bool:

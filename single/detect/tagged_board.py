@@ -68,7 +68,7 @@ def find_board(grey: Picture, board: TaggedBoard, found: FoundTags) -> FoundCorn
 
     At least four corners that are not in one line are a board.
     """
-    tags, pixels = _agreeing(*_tag_corners(board, found))
+    tags, pixels = seen_tags(board, found)
     if not len(tags):
         return None
     places, axes, trusted = _predict(board, tags.reshape(-1, 2), pixels.reshape(-1, 2), grey.shape, _BESIDE)
@@ -149,11 +149,19 @@ def _spans_plane(points: Floats) -> bool:
     return bool(np.linalg.matrix_rank(np.concatenate(rows), tol=1e-6) == 8)
 
 
-def _tag_corners(board: TaggedBoard, found: FoundTags) -> tuple[Floats, Floats]:
-    """Corners (N, 4, 2) of the board's tags that were seen: on the board (m), and in the image (px)."""
+def seen_tags(board: TaggedBoard, found: FoundTags) -> tuple[Floats, Floats]:
+    """Corners (N, 4, 2) of the board's tags that were seen, m on the board and px in the image: those that lie on one
+    board together.
+
+    Some print AprilGrids with each tag half a turn from where Kalibr has it: its outline is the same.
+    """
     seen = [(corners, quad) for tag, corners in board.tags.items() for quad in found.get(tag, [])]
-    tags, pixels = [corners for corners, _ in seen], [quad for _, quad in seen]
-    return np.array(tags).reshape(-1, 4, 2), np.array(pixels).reshape(-1, 4, 2)
+    tags, pixels = (np.array([pair[k] for pair in seen]).reshape(-1, 4, 2) for k in (0, 1))
+    upright = _agreeing(tags, pixels)
+    if len(upright[0]) >= _SURE_TAGS or len(tags) < _SURE_TAGS:
+        return upright
+    turned = _agreeing(tags, np.roll(pixels, 2, axis=1))
+    return turned if len(turned[0]) >= _SURE_TAGS else upright
 
 
 def _agreeing(tags: Floats, pixels: Floats) -> tuple[Floats, Floats]:

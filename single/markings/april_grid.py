@@ -6,7 +6,7 @@ from typing import ClassVar, Self
 import numpy as np
 
 from quadrig.single.arrays import Floats, Mask, Picture
-from quadrig.single.detect.dictionaries import canonical_dictionary, check_tag_ids, tag_cells
+from quadrig.single.detect.dictionaries import canonical_dictionary, check_tag_ids, dictionary_size, tag_cells
 from quadrig.single.detect.tagged_board import TaggedBoard
 from quadrig.single.errors import QuadrigError
 from quadrig.single.markings.boards import check_length
@@ -81,11 +81,14 @@ class AprilGridMarking(TaggedMarking):
         )
 
     def meant_instead(self, _grey: Picture, /) -> "list[AprilGridMarking]":
+        near = sorted({side + more for side in (self.columns, self.rows) for more in (-1, 0, 1)} - {0})
+        most = dictionary_size(self.dictionary) - self.first_id
         return [
             replace(self, columns=columns, rows=rows, border=border)
-            for border in (self.border, 3 - self.border)
-            for columns, rows in ((self.columns, self.rows), (self.rows, self.columns))
-            if border > 0
+            for border in dict.fromkeys((self.border, 1, 2))
+            for columns in near
+            for rows in near
+            if columns * rows <= most
         ]
 
     def scaled(self, scale: float, /) -> Self:

@@ -8,7 +8,7 @@ from quadrig.single.arrays import Picture
 from quadrig.single.detect.pictures import window_around
 from quadrig.single.detect.tag import EQ4_FROM_OPENCV
 from quadrig.single.detect.tag_families import search_tags
-from quadrig.single.detect.tagged_board import TaggedBoard, find_board
+from quadrig.single.detect.tagged_board import TaggedBoard, find_board, seen_tags
 from quadrig.single.markings.tag import ROUGH_SIGMA
 from quadrig.single.rectangle import FoundTags, Marking, Rectangle
 from quadrig.single.view import View
@@ -42,9 +42,8 @@ class TaggedMarking(Marking):
         return self.find(grey, rectangle, {tag: [quad + start for quad in quads] for tag, quads in found.items()})
 
     def rough(self, rectangle: Rectangle, found: FoundTags, /) -> View | None:
-        seen = [(tag, corners) for tag, corners in self.board.tags.items() if len(found.get(tag, [])) == 1]
-        if len(seen) < _LEAST_TAGS:
+        tags, pixels = seen_tags(self.board, found)
+        if len(tags) < _LEAST_TAGS:
             return None
-        points = np.concatenate([np.pad(corners[EQ4_FROM_OPENCV], ((0, 0), (0, 1))) for _, corners in seen])
-        pixels = np.concatenate([found[tag][0][EQ4_FROM_OPENCV] for tag, _ in seen])
-        return View(rectangle.name, points, pixels, sigma=ROUGH_SIGMA)
+        points = np.pad(tags[:, EQ4_FROM_OPENCV].reshape(-1, 2), ((0, 0), (0, 1)))
+        return View(rectangle.name, points, pixels[:, EQ4_FROM_OPENCV].reshape(-1, 2), sigma=ROUGH_SIGMA)

@@ -256,6 +256,12 @@ def test_what_is_no_image_is_said(image):
         detect_views(image, [TAG])
 
 
+@pytest.mark.parametrize("shape", [(0, 5), (0, 5, 3), (5, 0, 3), (0, 0)])
+def test_a_picture_without_pixels_is_said(shape):
+    with pytest.raises(QuadrigError, match="no pixels"):
+        detect_views(np.zeros(shape, np.uint8), [TAG])
+
+
 @pytest.mark.parametrize("rectangle", [*KINDS, BOARDS[3]], ids=lambda r: repr(r.marking)[:60])
 @pytest.mark.parametrize("step", [0.0, 0.004, 0.1], ids=["still", "slow", "far"])
 def test_near_an_earlier_view_the_same_corners_are_found(rectangle, step):

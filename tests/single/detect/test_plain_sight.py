@@ -56,6 +56,7 @@ def test_a_mirrored_sheet_is_no_view_and_known_for_what_it_is(marking):
         (BOARD, CharucoMarking(6, 4, 0.04, 0.03, "aruco_4x4_50", legacy=True)),
         (BOARD, CharucoMarking(6, 4, 0.04, 0.03, "aruco_4x4_50", inverted=True)),
         (AprilGridMarking(4, 3, 0.05, 0.3), AprilGridMarking(4, 3, 0.05, 0.3, border=1)),
+        (AprilGridMarking(4, 3, 0.05, 0.3), AprilGridMarking(3, 3, 0.05, 0.3)),
         (CircleGridMarking(9, 4, 0.03, asymmetric=True), CircleGridMarking(4, 9, 0.03, asymmetric=True)),
         (CircleGridMarking(7, 6, 0.04), CircleGridMarking(7, 6, 0.04, inverted=True)),
     ],

@@ -1,11 +1,12 @@
 """AprilGrids: laid out as Kalibr lays them out, and as others' detectors read them."""
 
 import itertools
+from dataclasses import fields
 
 import numpy as np
 import pytest
 
-from quadrig.single.arrays import Floats, Picture
+from quadrig.single.arrays import Floats, Mask, Picture
 from quadrig.single.detect.image_search import detect_views
 from quadrig.single.errors import QuadrigError
 from quadrig.single.lens import Intrinsics
@@ -74,6 +75,22 @@ def test_an_independent_detector_of_aprilgrids_finds_the_same_tags_there(pose):
     for tag in found:
         found_there, true = (np.sort(one.reshape(4, 2), axis=0) for one in (tag.corners, truth[tag.tag_id]))
         np.testing.assert_allclose(found_there, true, atol=1)
+
+
+class HalfTurned(AprilGridMarking):
+    """As printed with OpenCV's drawings of the tags."""
+
+    def _cells(self, tag_id: int) -> Mask:
+        return np.rot90(super()._cells(tag_id), 2)
+
+
+@pytest.mark.parametrize("pose", POSES)
+def test_tags_printed_half_a_turn_from_kalibrs_are_the_same_grid(pose):
+    printed = HalfTurned(*(getattr(MARKING, field.name) for field in fields(MARKING)))
+    (view,) = detect_views(picture(Rectangle("board", *printed.size, printed), pose), [BOARD])
+    gap = view.pixels - LENS.project(pose.transform(view.points))
+    assert len(gap) == 4 * MARKING.columns * MARKING.rows
+    assert np.abs(gap).max() < 0.3
 
 
 def test_a_single_border_is_read_by_the_makers_detector_of_such_tags():
