@@ -30,8 +30,8 @@ _LEAST_CONTRAST, _LEAST_VARIED = 12.0, 0.08
 
 @lru_cache(maxsize=64)
 def _imagined(dictionary: str, wanted: tuple[int, ...], border: int) -> tuple[Singles, float]:
-    """Every tag in each of four turns and in each blur, (M, 4 T x blurs), of mean 0 and length 1; the blur first, then
-    the turn, then the tag. And the least correlation of a quadrilateral that shows one."""
+    """Every tag in each of four turns and in each blur, (M, 4 T x blurs), of mean 0 and length 1: by blur, by
+    turn, by tag. And the least correlation of a quadrilateral that shows one."""
     cells = np.stack([tag_cells(dictionary, tag, border) for tag in wanted])
     turned = np.stack([np.rot90(cells, turn, axes=(1, 2)) for turn in range(4)])
     white = np.pad(turned, ((0, 0), (0, 0), (1, 1), (1, 1)), constant_values=True).astype(np.float32)
