@@ -1,6 +1,7 @@
 """Recordings and rig.toml in; rig.mcap, exports and reports out. The `rig` command is made of these."""
 
-from typing import TYPE_CHECKING
+import sys
+from typing import TYPE_CHECKING, Any
 
 from quadrig.single.lazy import lazy_names
 
@@ -65,3 +66,19 @@ _MODULE_OF = {
 
 __all__ = list(_MODULE_OF)
 __getattr__, __dir__ = lazy_names(__name__, _MODULE_OF)
+
+
+def _show_rigs_in_notebooks() -> None:
+    """A Rig at the end of a notebook's cell shows itself."""
+    shell = sys.modules["IPython"].get_ipython() if "IPython" in sys.modules else None
+    if shell is not None and hasattr(shell, "kernel"):
+        shell.display_formatter.ipython_display_formatter.for_type_by_name("quadrig.rig.result", "Rig", _show)
+
+
+def _show(rig: Any) -> None:
+    from quadrig.io.viewer.notebook import show_in_notebook
+
+    show_in_notebook(rig)
+
+
+_show_rigs_in_notebooks()
