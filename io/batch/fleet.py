@@ -93,7 +93,7 @@ def run_fleet(
     """
     todo = []
     for job in jobs:
-        if not again and _is_done(job):
+        if not again and is_done(job):
             yield Outcome(job, "kept", kept=True)
         else:
             todo.append(job)
@@ -138,7 +138,8 @@ def _run(task: _Task) -> Outcome:
     return Outcome(task.job, message, seconds=monotonic() - began)
 
 
-def _is_done(job: FleetJob) -> bool:
+def is_done(job: FleetJob) -> bool:
+    """Whether its result is there and newer than its recording."""
     if not job.output.is_file():
         return False
     newest = max(path.stat().st_mtime_ns for path in job.recording)

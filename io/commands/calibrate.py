@@ -14,6 +14,7 @@ from quadrig.io.batch.calibrate_one import CalibrateOne
 from quadrig.io.config.rig_toml import read_config
 from quadrig.io.rig_file.rig_mcap import read_rig, refuse_no_rig, write_rig
 from quadrig.io.search.detection_file import detections_beside
+from quadrig.io.search.dry_run import SearchPlan, plan_search, plan_values, plan_words
 from quadrig.io.search.effort import Effort
 from quadrig.io.search.known_lenses import read_known_lenses
 from quadrig.io.search.whole_recording import Searched, calibrate_searched, refuse_missing, search_recording
@@ -64,6 +65,9 @@ def calibrate(
     ] = False,
     dask: Annotated[str | None, typer.Option(help="With --each: a Dask scheduler, tcp://HOST:8786.")] = None,
     again: Annotated[bool, typer.Option("--again", help="With --each: those done before, too.")] = False,
+    dry_run: Annotated[
+        bool, typer.Option("--dry-run", help="Say what would be searched and how long it takes; write nothing.")
+    ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="The result as JSON, for programs.")] = False,
 ) -> None:
     """Calibrate the cameras of a recording.
@@ -106,7 +110,10 @@ def calibrate(
             lenses=known,
             keep_lenses=keep_lenses,
         )
-        _calibrate_each(recording, output, calibrate_one, workers, dask, again)
+        if dry_run:
+            _list_each(recording, output, again)
+        else:
+            _calibrate_each(recording, output, calibrate_one, workers, dask, again)
         return
     if dask is not None or again:
         option = "--dask" if dask is not None else "--again"
@@ -116,6 +123,9 @@ def calibrate(
         cache = cache or detections_beside(output)
     earlier = read_rig(before) if before is not None else None
     effort = Effort(tolerance, share, workers, cache, rate=rate)
+    if dry_run:
+        _show_plan(plan_search(recording, described, effort, lenses=known, keep_lenses=keep_lenses), as_json)
+        return
     searched = search_recording(recording, described, effort, lenses=known, keep_lenses=keep_lenses)
     for remark in searched.notes:
         note(remark)
@@ -134,6 +144,17 @@ def calibrate(
     _show(rig, output, as_json)
 
 
+def _show_plan(plan: SearchPlan, as_json: bool) -> None:
+    for remark in plan.notes:
+        note(remark)
+    if as_json:
+        from quadrig.io.formats.rig_json import json_text
+
+        print(json_text(plan_values(plan)))
+        return
+    print(plan_words(plan))
+
+
 def _solve(searched: Searched, only: list[str], earlier: Rig | None) -> Rig:
     if earlier is None:
         return calibrate_searched(searched)
@@ -143,6 +164,14 @@ def _solve(searched: Searched, only: list[str], earlier: Rig | None) -> Rig:
     # A camera of the earlier rig that this recording does not hold stays as it was: nothing is missing.
     held = {camera.name for camera in earlier.cameras}
     return replace(rig, missing={name: why for name, why in rig.missing.items() if name not in held})
+
+
+def _list_each(recordings: list[Path], output: Path, again: bool) -> None:
+    from quadrig.io.batch.fleet import find_jobs, is_done
+
+    for job in find_jobs(recordings, output):
+        kept = is_done(job) and not again
+        print(f"{job.output}: {'kept' if kept else f'to be made from {job.recording[0]}'}")
 
 
 def _calibrate_each(

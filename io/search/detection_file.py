@@ -89,10 +89,10 @@ def detections_beside(result: Path) -> Path:
     return result.with_suffix(".detections.mcap")
 
 
-def read_detections(path: Path, keys: Mapping[str, str]) -> tuple[Found, list[str]]:
+def read_detections(path: Path, keys: Mapping[str, str], set_aside: bool = True) -> tuple[Found, list[str]]:
     """What is kept in the file for cameras with these keys; nothing where there is no such file, or only others.
 
-    A damaged file gives what is whole of it, is set aside, and the sentence returned says so.
+    A damaged file gives what is whole of it, and where set_aside, is set aside, which the sentence returned says.
     Raises QuadrigError where the file is something else, which writing would destroy.
     """
     found: Found = {}
@@ -101,7 +101,7 @@ def read_detections(path: Path, keys: Mapping[str, str]) -> tuple[Found, list[st
         try:
             index = index_mcap(kept) if kept.is_file() else None
         except QuadrigError:
-            remarks += [_set_aside(kept, 0)] if kept == path else []
+            remarks += [_set_aside(kept, 0)] if kept == path and set_aside else []
             continue
         if index is None:
             continue
@@ -114,7 +114,8 @@ def read_detections(path: Path, keys: Mapping[str, str]) -> tuple[Found, list[st
             elif keys.get(record.camera) == record.key:
                 found[record.camera, record.image] = views
         # A file that a killed run left is cut off as a matter of course.
-        if kept == path and (lost or index.note or all(topic.topic != DETECTIONS_TOPIC for topic in index.topics)):
+        damaged = lost or index.note or all(topic.topic != DETECTIONS_TOPIC for topic in index.topics)
+        if kept == path and damaged and set_aside:
             remarks.append(_set_aside(path, lost))
     return found, remarks
 

@@ -19,9 +19,9 @@ from quadrig.single.detect.image_search import detect_views
 from quadrig.single.rectangle import Rectangle
 from quadrig.single.view import View
 
-# Images of one task: about a second of work, so that the bar moves and an interrupted run loses little; the first
-# of them is searched whole, so that what was overlooked once is not overlooked for long.
-_BATCH = 32
+BATCH = 32
+"""Images of one task: about a second of work, so that the bar moves and an interrupted run loses little. The first of
+them is searched whole, so that what was overlooked once is not overlooked for long."""
 # Images this far apart (of 30 a second, a tenth) still show a rectangle near where it was.
 _FOLLOWS = 3
 # Batches that are looked at first, spread over a recording of many: where some 500 images show no rectangle, the
@@ -132,7 +132,7 @@ def _batches(
     for camera in recording.cameras:
         sets, images = framesets.of_camera(camera.name)
         starts = dict(zip(images.tolist(), sets.tolist(), strict=True))
-        for part in camera.source.batches(images, _BATCH):
+        for part in camera.source.batches(images, BATCH):
             keys = [(camera.name, image) for image in part.tolist()]
             if all(key in found for key in keys):
                 continue

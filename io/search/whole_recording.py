@@ -91,13 +91,9 @@ def search_recording(
     Raises QuadrigError where there are no images, a camera of the rig.toml is missing, nothing can be read, or
     corners given by hand or lenses do not belong to this recording.
     """
-    groups = separate_recordings(paths, effort.rate)
-    recordings = [open_described(group, config, effort.rate, several=len(groups) > 1) for group in groups]
-    # Before the search, which takes long: what is wrong with the lenses is known at once.
-    cameras, remarks = with_known_lenses(camera_inputs(recordings, config), lenses or {}, keep_lenses)
-    _refuse_reference(config, cameras)
+    recordings, cameras, remarks = open_checked(paths, config, effort, lenses or {}, keep_lenses)
     parts = [
-        _search_one(recording, config, replace(effort, cache=_own_cache(effort.cache, number)))
+        _search_one(recording, config, replace(effort, cache=cache_of(effort.cache, number)))
         for number, recording in enumerate(recordings)
     ]
     rectangles, shown = config.rectangles, parts[0].shown
@@ -108,6 +104,22 @@ def search_recording(
     seeing = {view.camera for view in shown.views}
     unseen = {name: sight for name, sight in sights.items() if name not in seeing}
     return Searched(config, tuple(cameras), rectangles, list(shown.views), list(shown.times), notes, unseen)
+
+
+def open_checked(
+    paths: Sequence[Path | str] | Path | str,
+    config: RigConfig,
+    effort: Effort,
+    lenses: Mapping[str, KnownLens],
+    keep_lenses: bool,
+) -> tuple[list[Recording], Sequence[CameraInput], list[str]]:
+    """The recordings, their cameras with the lenses known before, and remarks on those: all that can be wrong before
+    the search, which takes long, is wrong here. Raises QuadrigError as search_recording does."""
+    groups = separate_recordings(paths, effort.rate)
+    recordings = [open_described(group, config, effort.rate, several=len(groups) > 1) for group in groups]
+    cameras, remarks = with_known_lenses(camera_inputs(recordings, config), lenses, keep_lenses)
+    _refuse_reference(config, cameras)
+    return recordings, cameras, list(remarks)
 
 
 def _refuse_reference(config: RigConfig, cameras: Sequence[CameraInput]) -> None:
@@ -137,7 +149,7 @@ def _search_one(recording: Recording, config: RigConfig, effort: Effort) -> _One
     return _OneRecording(shown, [*recording.notes, *found.remarks, *left_out, *kept], sights)
 
 
-def _own_cache(cache: Path | None, number: int) -> Path | None:
+def cache_of(cache: Path | None, number: int) -> Path | None:
     """A file of each recording's own: rig.detections.mcap, rig-2.detections.mcap, ..."""
     if cache is None or number == 0:
         return cache

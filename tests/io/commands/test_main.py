@@ -140,6 +140,21 @@ def test_init_describes_what_is_in_sight_so_that_it_can_be_calibrated(pictures: 
     assert_one_sentence(rig("init", "--print"), "SOURCE")
 
 
+def test_a_dry_run_says_what_would_be_searched_and_writes_nothing(pictures: Path, tmp_path: Path) -> None:
+    arguments = ["calibrate", pictures / "left", pictures / "right", "-c", pictures / "rig.toml", "--dry-run"]
+    done = rig(*arguments, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "left: 6 images of 640x480, 6 to search" in done.stdout
+    assert "12 images to search for desk, shelf" in done.stdout
+    assert list(tmp_path.iterdir()) == []
+    rig(*arguments[:-1], "-q", cwd=tmp_path)
+    before = sorted((path.name, path.stat().st_mtime_ns) for path in tmp_path.iterdir())
+    again = json.loads(rig(*arguments, "--json", cwd=tmp_path).stdout)
+    assert (again["searched_before"], again["cameras"]["left"]["to_search"], again["search_seconds"]) == (12, 0, 0)
+    assert sorted((path.name, path.stat().st_mtime_ns) for path in tmp_path.iterdir()) == before
+    assert_one_sentence(rig(*arguments, "-o", tmp_path / "nowhere" / "rig.mcap", cwd=tmp_path), "nowhere")
+
+
 def test_quiet_says_results_alone_and_verbose_how_they_came(pictures: Path, tmp_path: Path) -> None:
     folders = [pictures / name for name in ("left", "right")]
     arguments = ["calibrate", *folders, "-c", pictures / "rig.toml", "-o", tmp_path / "rig.mcap", "--no-cache"]
