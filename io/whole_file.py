@@ -1,19 +1,33 @@
-"""Files appear whole or not at all: written beside their place, then renamed into it; and are read whole."""
+"""Files appear whole or not at all: written beside their place, by one process at a time, then renamed into it."""
 
+import glob
 import os
+import shlex
 import stat
+import sys
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import IO
 
 from quadrig.single.errors import QuadrigError
+
+try:
+    import fcntl
+except ImportError:  # Windows: nobody is told of another process there
+    fcntl = None
 
 LARGEST_TEXT = 1 << 25
 """Bytes of the longest text that is written for us: ten thousand rectangles, a day's table of times."""
 
 LARGEST_OF_CAMERAS = 4_000_000
 """Bytes of a thousand cameras with all their digits; YAML is read at a megabyte a second."""
+
+# What this process holds: a command holds its place from the start, and what writes there goes through it.
+_held: set[Path] = set()
+# Of the command of another process so many characters are said: enough to know it by.
+_COMMAND = 80
 
 
 def read_whole(path: Path, most: int = LARGEST_TEXT) -> bytes:
@@ -33,32 +47,79 @@ def read_text(path: Path) -> str:
 
 
 @contextmanager
+def place_held(path: Path | str) -> Iterator[Path]:
+    """The file that `path` leads to, where no other process of quadrig writes until the block ends.
+
+    It is a lock on a hidden file beside it: gone with this process, however that ends, and what a process that was
+    killed left there is removed by the next. Raises QuadrigError as refuse_no_place does, where nothing can be
+    written in that folder, and where another process is at work there: which one.
+    """
+    path = Path(path)
+    refuse_no_place(path)
+    place = path.resolve()
+    if place in _held:
+        yield place
+        return
+    lock = place.with_name(f".{place.name}.lock")
+    try:
+        stream = _locked(lock)
+    except BlockingIOError:
+        raise QuadrigError(
+            f"{path} is being written by {_holder(lock)}; wait for it, or choose another place"
+        ) from None
+    except OSError as error:
+        raise cannot_write(path, error) from error
+    _held.add(place)
+    try:
+        yield place
+    finally:
+        _held.discard(place)
+        # Removed while it is locked, so that nobody locks it in between.
+        with suppress(OSError):
+            lock.unlink(missing_ok=True)
+        stream.close()
+
+
+@contextmanager
 def written_beside(path: Path | str) -> Iterator[Path]:
     """A path to write to, in the folder of `path`; it becomes `path` when the block ends without an error.
 
     A link stays and what it leads to is written; a file that is there keeps its mode.
-    Raises QuadrigError as refuse_no_place does, and where the folder cannot be written to.
+    Raises QuadrigError as place_held does, and where it cannot be written to its end.
     """
-    path = Path(path)
-    refuse_no_place(path)
-    path = path.resolve()
-    try:
-        # A temporary file is private (0600); the finished one follows the user's own umask like any other.
-        mode = stat.S_IMODE(path.stat().st_mode) if path.exists() else 0o666 & ~_umask()
-        handle, name = tempfile.mkstemp(prefix=f".{path.stem}-", suffix=path.suffix, dir=path.parent)
-    except OSError as error:
-        raise QuadrigError(f"cannot write {path}: {error.strerror}; choose another place") from error
+    with place_held(path) as place:
+        try:
+            beside = new_part(place)
+        except OSError as error:
+            raise cannot_write(path, error) from error
+        try:
+            yield beside
+            beside.replace(place)
+        except OSError as error:
+            # One that names another file is of what was read.
+            if error.filename not in (None, str(beside), str(place)):
+                raise
+            raise cannot_write(path, error) from error
+        finally:
+            with suppress(OSError):
+                beside.unlink(missing_ok=True)
+
+
+def new_part(place: Path) -> Path:
+    """A new hidden file beside a place that is held, to be renamed into it; with the mode that it will have there."""
+    # A temporary file is private (0600); the finished one follows the user's own umask like any other.
+    mode = stat.S_IMODE(place.stat().st_mode) if place.exists() else 0o666 & ~_umask()
+    handle, name = tempfile.mkstemp(prefix=_part_prefix(place), suffix=place.suffix, dir=place.parent)
     os.close(handle)
-    beside = Path(name)
-    try:
-        yield beside
-        beside.chmod(mode)
-        beside.replace(path)
-    except OSError as error:
-        raise QuadrigError(f"cannot write {path}: {error.strerror or error}; choose another place") from error
-    finally:
-        with suppress(OSError):
-            beside.unlink(missing_ok=True)
+    part = Path(name)
+    part.chmod(mode)
+    return part
+
+
+def cannot_write(path: Path | str, error: OSError) -> QuadrigError:
+    """What is said where a file cannot be written."""
+    what = error.strerror or str(error)
+    return QuadrigError(f"cannot write {path}: {what[:1].lower()}{what[1:]}; make room, or choose another place")
 
 
 def refuse_no_place(path: Path) -> None:
@@ -85,6 +146,79 @@ def write_text(path: Path | str, text: str) -> None:
     """Write a text file (UTF-8) whole or not at all. Raises QuadrigError as written_beside does."""
     with written_beside(path) as beside:
         beside.write_text(text, encoding="utf-8")
+
+
+def _part_prefix(place: Path) -> str:
+    return f".{place.stem}.part-"
+
+
+def _locked(lock: Path) -> IO[bytes]:
+    """The lock's file, open and locked, in which this process is named; what was left beside it is removed.
+
+    Raises BlockingIOError where another process has it.
+    """
+    while True:
+        stream = lock.open("ab", buffering=0)
+        try:
+            alone = _lock(stream)
+        except BlockingIOError:
+            stream.close()
+            raise
+        # Whoever had it before removes it: another process may have a new one by now.
+        if not _is_still(stream, lock):
+            stream.close()
+            continue
+        try:
+            stream.truncate(0)
+            stream.write(f"{os.getpid()} {_command()}\n".encode())
+        except OSError:
+            lock.unlink()
+            stream.close()
+            raise
+        if alone:
+            _remove_parts(lock)
+        return stream
+
+
+def _is_still(stream: IO[bytes], lock: Path) -> bool:
+    try:
+        return os.path.samestat(os.fstat(stream.fileno()), lock.stat())
+    except FileNotFoundError:
+        return False
+
+
+def _lock(stream: IO[bytes]) -> bool:
+    """Lock a file; whether that could be done: some file systems cannot."""
+    if fcntl is None:
+        return False
+    try:
+        fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        raise
+    except OSError:
+        return False
+    return True
+
+
+def _remove_parts(lock: Path) -> None:
+    place = lock.with_name(lock.name.removeprefix(".").removesuffix(".lock"))
+    for part in place.parent.glob(f"{glob.escape(_part_prefix(place))}*{glob.escape(place.suffix)}"):
+        with suppress(OSError):
+            part.unlink()
+
+
+def _command() -> str:
+    words = [Path(sys.argv[0]).name, *sys.argv[1:]] if sys.argv else []
+    return shlex.join(words)[:_COMMAND].replace("\n", " ")
+
+
+def _holder(lock: Path) -> str:
+    """Who holds a lock, in words."""
+    try:
+        number, _, command = lock.read_text(encoding="utf-8", errors="replace").strip().partition(" ")
+    except OSError:
+        number = command = ""
+    return f"process {number} ({command})" if number else "another process"
 
 
 def _umask() -> int:

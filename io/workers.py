@@ -1,9 +1,12 @@
 """Tasks over worker processes: results as they come, lost workers replaced, nothing left running behind."""
 
 import multiprocessing
+import multiprocessing.connection
 import os
 import signal
 import sys
+import threading
+import time
 from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import Executor, Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
@@ -144,7 +147,24 @@ def _begin_worker() -> None:
     """Ctrl-C is the parent's business, and processes beat OpenCV's own threads."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, _end)
+    leave_with_parent()
     cv2.setNumThreads(1)
+
+
+def leave_with_parent() -> None:
+    """Have this worker process end when the one that started it is killed: it would wait for work for ever."""
+    threading.Thread(target=_watch_parent, name="parent", daemon=True).start()
+
+
+def _watch_parent() -> None:
+    parent = multiprocessing.parent_process()
+    if parent is None:
+        return
+    multiprocessing.connection.wait([parent.sentinel])
+    os.kill(os.getpid(), signal.SIGTERM)
+    # One that is searching or solving does not hear that in time.
+    time.sleep(_SECONDS_TO_END)
+    os._exit(1)
 
 
 def _end(_number: int, _frame: FrameType | None) -> None:

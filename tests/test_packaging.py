@@ -4,11 +4,12 @@ import ast
 import re
 import sys
 import tomllib
-from importlib.metadata import packages_distributions
+from importlib.metadata import PackageNotFoundError, distribution, packages_distributions
 from pathlib import Path
 
 import pytest
 import yaml
+from packaging.requirements import Requirement
 
 from quadrig.io import __version__
 
@@ -56,6 +57,46 @@ def test_what_is_imported_is_required_and_what_is_required_is_imported() -> None
     assert {module: by for module, by in brought.items() if by and not by & (required | optional)} == {}
     used = set().union(*brought.values())
     assert required - used == set()
+
+
+def needed(requirements: list[str], extras: frozenset[str] = frozenset()) -> set[str]:
+    """The distributions that these requirements bring, with all that those need in turn, where they are installed."""
+    found: set[str] = set()
+    left = [(Requirement(one), extras) for one in requirements]
+    while left:
+        one, asked = left.pop()
+        applies = one.marker is None or any(one.marker.evaluate({"extra": extra}) for extra in (asked or {""}))
+        name = name_of(one.name)
+        if not applies or name in found:
+            continue
+        try:
+            brings = distribution(name).requires or []
+        except PackageNotFoundError:
+            continue
+        found.add(name)
+        left += [(Requirement(brought), frozenset(one.extras)) for brought in brings]
+    return found
+
+
+def licence_of(name: str) -> str:
+    """What a distribution says of its licence."""
+    metadata = distribution(name).metadata
+    classifiers = [line for line in metadata.get_all("Classifier", []) if line.startswith("License ::")]
+    first_line = (metadata.get("License") or "").partition("\n")[0]
+    return "; ".join(filter(None, [metadata.get("License-Expression"), *classifiers, first_line]))
+
+
+# Those that let anybody use, change and pass on, with notice alone: TOST is Apache-2.0 with another clause on
+# trademarks, HPND and MIT-CMU are old forms of MIT; "any-OSI" is any of the licences that the OSI approved.
+_PERMISSIVE = r"MIT|BSD|Apache|ISC|PSF|HPND|Zlib|CC0|Unlicense|TOST|any-OSI"
+_BINDING = r"GPL|General Public|Affero|Proprietary|Non-?Commercial|SSPL|BUSL"
+
+
+def test_all_that_is_installed_has_a_permissive_licence() -> None:
+    optional = [one for extra in ("usd", "bags", "dask") for one in PROJECT["optional-dependencies"][extra]]
+    licences = {name: licence_of(name) for name in needed([*PROJECT["dependencies"], *optional])}
+    assert len(licences) > len(PROJECT["dependencies"])
+    assert {k: v for k, v in licences.items() if not re.search(_PERMISSIVE, v) or re.search(_BINDING, v)} == {}
 
 
 def test_every_file_that_says_the_version_says_the_same() -> None:

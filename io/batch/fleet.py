@@ -151,7 +151,8 @@ def _recordings(path: Path) -> list[Path]:
         raise QuadrigError(f"{path}: no such file or folder; give MCAP files or folders of recordings")
     if path.is_file():
         return [path]
-    inside = sorted(path.iterdir())
+    # What is hidden is not whole: a file that is being written, or was when its process was killed.
+    inside = sorted(one for one in path.iterdir() if not one.name.startswith("."))
     if (path / "metadata.yaml").is_file() or any(p.suffix.lower() in VIDEO_SUFFIXES for p in inside):
         return [path]
     if any(p.is_dir() and folder_images(p) for p in inside):

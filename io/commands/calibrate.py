@@ -2,7 +2,7 @@
 
 import math
 import sys
-from contextlib import nullcontext
+from contextlib import ExitStack, nullcontext
 from dataclasses import replace
 from itertools import combinations
 from pathlib import Path
@@ -19,6 +19,7 @@ from quadrig.io.search.effort import Effort
 from quadrig.io.search.known_lenses import read_known_lenses
 from quadrig.io.search.whole_recording import Searched, calibrate_searched, refuse_missing, search_recording
 from quadrig.io.verbosity import note, say, timed
+from quadrig.io.whole_file import place_held
 from quadrig.rig.result import Rig
 from quadrig.single.errors import QuadrigError
 
@@ -126,22 +127,30 @@ def calibrate(
     if dry_run:
         _show_plan(plan_search(recording, described, effort, lenses=known, keep_lenses=keep_lenses), as_json)
         return
-    searched = search_recording(recording, described, effort, lenses=known, keep_lenses=keep_lenses)
+    with ExitStack() as held:
+        for place in (output, cache):
+            if place is not None:
+                held.enter_context(place_held(place))
+        searched = search_recording(recording, described, effort, lenses=known, keep_lenses=keep_lenses)
+        rig = _solve(searched, only or [], earlier, cache)
+        if all_cameras:
+            refuse_missing(rig)
+        for sentence in rig.missing.values():
+            print(f"not placed: {sentence}", file=sys.stderr)
+        write_rig(output, rig, described.text, searched.times, recording)
+    _show(rig, output, as_json)
+
+
+def _solve(searched: Searched, only: list[str], earlier: Rig | None, cache: Path | None) -> Rig:
     for remark in searched.notes:
         note(remark)
     try:
         with timed(f"solving {len(searched.views)} Views of {len(searched.cameras)} cameras"):
-            rig = _solve(searched, only or [], earlier)
+            return calibrate_searched(searched) if earlier is None else _solve_again(searched, only, earlier)
     except KeyboardInterrupt:
-        if not no_cache:
+        if cache is not None:
             print(f"stopped: what was found is kept in {cache}; the same command goes on from there", file=sys.stderr)
         raise
-    if all_cameras:
-        refuse_missing(rig)
-    for sentence in rig.missing.values():
-        print(f"not placed: {sentence}", file=sys.stderr)
-    write_rig(output, rig, described.text, searched.times, recording)
-    _show(rig, output, as_json)
 
 
 def _show_plan(plan: SearchPlan, as_json: bool) -> None:
@@ -155,9 +164,7 @@ def _show_plan(plan: SearchPlan, as_json: bool) -> None:
     print(plan_words(plan))
 
 
-def _solve(searched: Searched, only: list[str], earlier: Rig | None) -> Rig:
-    if earlier is None:
-        return calibrate_searched(searched)
+def _solve_again(searched: Searched, only: list[str], earlier: Rig) -> Rig:
     from quadrig.rig.recalibration import recalibrate
 
     rig = recalibrate(earlier, only, searched.cameras, searched.rectangles, searched.views)
@@ -190,7 +197,8 @@ def _calibrate_each(
     output.mkdir(parents=True, exist_ok=True)
     failed = done = 0
     try:
-        with dask_executor(dask) if dask else nullcontext() as executor:
+        # Named as the results are: it is they that another run would make at the same time.
+        with place_held(output / "*.rig.mcap"), dask_executor(dask) if dask else nullcontext() as executor:
             for outcome in run_fleet(calibrate_one, jobs, workers, executor, again):
                 state = "failed: " if outcome.failed else "" if outcome.kept else f"{outcome.seconds:.0f} s: "
                 print(f"{outcome.job.output}: {state}{outcome.message}", flush=True)

@@ -3,6 +3,7 @@
 import inspect
 import keyword
 import os
+import signal
 import sys
 from collections.abc import Callable, Mapping, MutableMapping, Sequence
 from functools import wraps
@@ -44,12 +45,19 @@ Example: rig demo; or, with cameras of your own: rig record --config rig.toml -o
 rig calibrate room.mcap --config rig.toml -o rig.mcap, then rig inspect rig.mcap"""
 
 _INTERRUPTED = 130
+# A machine that shuts down, a scheduler, a terminal that is closed: they end a command as Ctrl-C does.
+_AS_CTRL_C = ("SIGTERM", "SIGHUP")
 
 
 def main() -> None:
     """The entry point of `rig`: runs a command and exits with its code, never with a traceback."""
     if os.environ.get("RIG_TRACEBACK") != "1":
         silence_libraries()
+    for name in _AS_CTRL_C:
+        number = getattr(signal, name, None)
+        # What is ignored (nohup) stays so.
+        if number is not None and signal.getsignal(number) is signal.SIG_DFL:
+            signal.signal(number, signal.default_int_handler)
     sys.exit(run(sys.argv[1:]))
 
 

@@ -16,6 +16,7 @@ from quadrig.io.live.session import run_setup
 from quadrig.io.live.terminal import enter_pressed
 from quadrig.io.rig_file.rig_mcap import refuse_no_rig, write_rig
 from quadrig.io.verbosity import say
+from quadrig.io.whole_file import place_held
 from quadrig.rig.coach.advice import good_for
 from quadrig.rig.doubt.weaknesses import clocks_apart
 from quadrig.rig.words import length, read_length
@@ -59,15 +60,17 @@ def setup(
     wanted = read_length(until, _BARE_ACCURACY) if until else None
     rig_config = read_config(config)
     cameras = named_sources(sources or [], rig_config, config.parent)
-    refuse_no_rig(output)
-    recording, earlier = _recordings(output, resume, again)
     pace: Pace = "consumed" if fast else "real time"
-    plan = SetupPlan(rig_config, cameras, recording, wanted, pace, earlier, tolerance)
-    result = _run(plan, web, no_viewer, save)
-    if result.rig is None:
-        raise QuadrigError(f"{result.trouble}; the recording is {plan.recording}, and --resume goes on from it")
-    write_rig(output, result.rig, rig_config.text, recordings=[plan.recording])
-    _write_report(output)
+    refuse_no_rig(output)
+    with place_held(output):
+        recording, earlier, replaced = _recordings(output, resume, again)
+        plan = SetupPlan(rig_config, cameras, recording, wanted, pace, earlier, tolerance, replaced)
+        result = _run(plan, web, no_viewer, save)
+        if result.rig is None:
+            kept = f"; the recording is {recording}, and --resume goes on from it" if recording.exists() else ""
+            raise QuadrigError(f"{result.trouble}{kept}")
+        write_rig(output, result.rig, rig_config.text, recordings=[recording])
+        _write_report(output)
     print(_as_json(result, output, plan) if as_json else _as_text(result, output, plan))
 
 
@@ -80,22 +83,23 @@ def _write_report(output: Path) -> None:
     write_text(output.with_suffix(".html"), report_html(read_rig_file(output), output.name))
 
 
-def _recordings(output: Path, resume: bool, again: bool) -> tuple[Path, tuple[Path, ...]]:
-    """The recording to write, and those to go on from. Raises QuadrigError where one would be lost."""
+def _recordings(output: Path, resume: bool, again: bool) -> tuple[Path, tuple[Path, ...], tuple[Path, ...]]:
+    """The recording to write, those to go on from, and those that it replaces.
+
+    Raises QuadrigError where one would be lost.
+    """
     first = output.with_name(f"{output.stem}-recording.mcap")
     parts = sorted(output.parent.glob(f"{output.stem}-recording-[0-9]*.mcap"), key=_part)
     earlier = tuple(path for path in (first, *parts) if path.exists())
     if resume:
         if not earlier:
             raise QuadrigError(f"{first}: there is no recording to go on from; leave --resume out")
-        return output.with_name(f"{output.stem}-recording-{_part(earlier[-1]) + 1}.mcap"), earlier
+        return output.with_name(f"{output.stem}-recording-{_part(earlier[-1]) + 1}.mcap"), earlier, ()
     if earlier and not again:
         raise QuadrigError(
             f"{earlier[0]} is there already; go on from it with --resume, or start again over it with --again"
         )
-    for path in earlier:
-        path.unlink()
-    return first, ()
+    return first, (), tuple(path for path in earlier if path != first)
 
 
 def _part(path: Path) -> int:

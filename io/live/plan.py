@@ -19,7 +19,8 @@ class SetupPlan:
     """What a session is to do.
 
     sources: by camera name. until: the accuracy, m, at which it stops by itself. pace: of files. earlier: the
-    recordings of sessions that this one goes on from. tolerance: s, between frames of one frameset.
+    recordings of sessions that this one goes on from. tolerance: s, between frames of one frameset. replaces: files
+    that go when the recording appears.
     """
 
     config: RigConfig
@@ -29,6 +30,7 @@ class SetupPlan:
     pace: Pace = "real time"
     earlier: tuple[Path, ...] = ()
     tolerance: float | None = None
+    replaces: tuple[Path, ...] = ()
 
     @property
     def cameras(self) -> tuple[str, ...]:

@@ -51,7 +51,8 @@ def _begun(plan: SetupPlan, screens: Sequence[Screen], stack: ExitStack) -> "Set
     """A session whose parts the stack closes: the sources first, then what they feed."""
     earlier = read_earlier_views(plan.earlier, plan.cameras)
     search = LiveSearch(plan.rectangles)
-    recorder = stack.enter_context(closing(LiveRecorder(plan.recording, {"rig.toml": plan.config.text.encode()})))
+    room = {"rig.toml": plan.config.text.encode()}
+    recorder = stack.enter_context(closing(LiveRecorder(plan.recording, room, plan.replaces)))
     solver = stack.enter_context(closing(LiveSolver()))
     keeper = Keeper(search, plan.rectangles, stack.enter_context(ThreadPoolExecutor(1, thread_name_prefix="fit")))
     keeper.restore(earlier.views)

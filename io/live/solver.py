@@ -1,16 +1,15 @@
 """Solving while frames come in: a process of its own, so that neither search nor screen waits for the solution."""
 
 import multiprocessing
-import multiprocessing.connection
 import os
 import signal
-import threading
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
 
+from quadrig.io.workers import leave_with_parent
 from quadrig.rig.adjustment.motion import LONGEST_GAP
 from quadrig.rig.calibration import calibrate
 from quadrig.rig.coach.advice import Advice, Situation, advise
@@ -144,15 +143,7 @@ def _stand_back() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if os.nice(0) < 5:
         os.nice(5)
-    threading.Thread(target=_leave_with_parent, daemon=True).start()
-
-
-def _leave_with_parent() -> None:
-    """End this process when the session's is killed: a pool's worker would wait for work for ever."""
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        multiprocessing.connection.wait([parent.sentinel])
-        os._exit(1)
+    leave_with_parent()
 
 
 def _warm_up() -> None:

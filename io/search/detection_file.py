@@ -4,7 +4,6 @@ They are found again only for the same pictures, topic, rectangles and detector:
 """
 
 import hashlib
-import os
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager, suppress
@@ -26,7 +25,7 @@ from quadrig.io.rig_file.rig_mcap import RIG_TOPIC
 from quadrig.io.rig_file.view_record import ViewRecord, recorded_view, view_record
 from quadrig.io.safe_json import read_json
 from quadrig.io.topic_writer import TopicWriter
-from quadrig.io.whole_file import refuse_no_place
+from quadrig.io.whole_file import cannot_write, new_part, place_held
 from quadrig.single.arrays import Ints
 from quadrig.single.errors import QuadrigError
 from quadrig.single.markings.registry import marking_values
@@ -97,7 +96,7 @@ def read_detections(path: Path, keys: Mapping[str, str], set_aside: bool = True)
     """
     found: Found = {}
     remarks = []
-    for kept in (path, _partial(path)):
+    for kept in (path, _partial(path.resolve())):
         try:
             index = index_mcap(kept) if kept.is_file() else None
         except QuadrigError:
@@ -158,31 +157,39 @@ def keep_detections(
 ) -> Iterator[DetectionWriter]:
     """A DetectionWriter for `path` that has what was kept before; the file appears whole, also when interrupted.
 
-    A process that is killed leaves a file beside it that the next run reads as far as it goes.
-    Raises QuadrigError where the folder cannot be written to.
+    A process that is killed, or finds no room, leaves a file beside it that the next run reads as far as it goes.
+    Raises QuadrigError where it cannot be written.
     """
-    refuse_no_place(path)
-    path = path.resolve()
-    partial = _partial(path)
-    beside = partial.with_name(f"{partial.name}-{os.getpid()}")
-    try:
-        stream = beside.open("wb")
-    except OSError as error:
-        raise QuadrigError(f"{path}: cannot be written ({error.strerror}); choose another place") from error
-    try:
-        with stream:
-            writer = DetectionWriter(stream, keys)
-            for (camera, image), views in kept.items():
-                writer.write(camera, image, int(stamps[camera][image]), views)
-            writer.flush()
-            # From here on this file has all that the former partial one had.
-            beside.replace(partial)
-            try:
-                yield writer
-            finally:
-                writer.finish()
-    finally:
-        partial.replace(path)
+    with place_held(path) as place:
+        partial, fresh = _partial(place), None
+        try:
+            fresh = new_part(place)
+            with fresh.open("wb") as stream:
+                writer = DetectionWriter(stream, keys)
+                for (camera, image), views in kept.items():
+                    writer.write(camera, image, int(stamps[camera][image]), views)
+                writer.flush()
+                # From here on this file has all that the former partial one had.
+                fresh.replace(partial)
+                try:
+                    yield writer
+                finally:
+                    writer.finish()
+                    stream.close()
+                    partial.replace(place)
+        except OSError as error:
+            # One that names another file is of what was read.
+            if error.filename not in (None, str(partial), str(fresh)):
+                raise
+            raise cannot_write(path, error) from error
+        finally:
+            if fresh is not None:
+                fresh.unlink(missing_ok=True)
+
+
+def is_unfinished(path: Path) -> bool:
+    """Whether a run that was killed left what it had found beside the file."""
+    return _partial(path.resolve()).exists()
 
 
 def _partial(path: Path) -> Path:

@@ -1,9 +1,10 @@
 """From a recording to Views: every image of its framesets searched for the rectangles, over worker processes."""
 
 import sys
-from collections.abc import Sequence
-from contextlib import ExitStack, closing
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack, closing, nullcontext
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
@@ -11,11 +12,19 @@ from quadrig.io.progress import progress_bar
 from quadrig.io.recording.framesets import Framesets
 from quadrig.io.recording.image_source import ImageSource
 from quadrig.io.recording.recorded_cameras import Recording
-from quadrig.io.search.detection_file import Found, camera_key, keep_detections, read_detections
+from quadrig.io.search.detection_file import (
+    Found,
+    camera_key,
+    is_unfinished,
+    keep_detections,
+    read_detections,
+)
 from quadrig.io.search.effort import EVERY_IMAGE, Effort
+from quadrig.io.whole_file import place_held
 from quadrig.io.workers import run_tasks
 from quadrig.single.arrays import Ints
 from quadrig.single.detect.image_search import detect_views
+from quadrig.single.errors import QuadrigError
 from quadrig.single.rectangle import Rectangle
 from quadrig.single.view import View
 
@@ -70,14 +79,21 @@ def find_detections(
     """
     if not rectangles:
         return Detections([], 0, 0, {})
+    with place_held(effort.cache) if effort.cache is not None else nullcontext():
+        return _find_detections(recording, framesets, tuple(rectangles), effort)
+
+
+def _find_detections(
+    recording: Recording, framesets: Framesets, rectangles: tuple[Rectangle, ...], effort: Effort
+) -> Detections:
     cache = effort.cache
     keys = {camera.name: camera_key(camera, rectangles) for camera in recording.cameras}
     found, remarks = read_detections(cache, keys) if cache is not None else ({}, [])
-    batches = _batches(recording, framesets, tuple(rectangles), found)
+    batches = _batches(recording, framesets, rectangles, found)
     searched = sum(len(batch.images) for batch in batches)
     reused = sum(len(framesets.of_camera(camera.name)[1]) for camera in recording.cameras) - searched
-    # A damaged file was set aside: what was whole of it is kept anew.
-    if batches or remarks:
+    # A damaged file was set aside: what was whole of it is kept anew, as is what a run that was killed had found.
+    if batches or remarks or (cache is not None and is_unfinished(cache)):
         done = _search(recording, batches, found, keys, effort)
         if done < searched:
             remarks = [
@@ -86,8 +102,31 @@ def find_detections(
             ]
         if cache is not None and not any(_shows(views) for views in found.values()):
             cache.unlink()
+    _refuse_changed(recording, keys, rectangles, cache)
     views = _in_order(recording, framesets, found)
     return Detections(views, searched, reused, _left_out(framesets, found), tuple(remarks))
+
+
+def _refuse_changed(
+    recording: Recording, keys: Mapping[str, str], rectangles: Sequence[Rectangle], cache: Path | None
+) -> None:
+    """Raises QuadrigError where files are no longer those that were opened: what was found may be of either."""
+    for camera in recording.cameras:
+        try:
+            same = camera_key(camera, rectangles) == keys[camera.name]
+        except OSError as error:
+            where = error.filename or ", ".join(str(path) for path in recording.paths)
+            raise QuadrigError(
+                f"{where} was there when the search began and cannot be read now; bring it back and run it again"
+            ) from error
+        if not same:
+            if cache is not None:
+                cache.unlink(missing_ok=True)
+            where = ", ".join(str(path) for path in recording.paths)
+            raise QuadrigError(
+                f"{where}: the pictures of camera {camera.name!r} changed while they were searched; "
+                "run it again when nothing writes there"
+            )
 
 
 def search_images(

@@ -18,6 +18,17 @@ _OPENING_SECONDS, _WINDOW_SECONDS = 15.0, 1.0
 _NICE = 5
 # rerun tells its makers how it is used, unless it runs in continuous integration: what `rig` starts tells nobody.
 _SILENT = {"CI": "1"}
+# Runs a viewer until the pipe to us is closed, as it is when we are killed. The whole group is ended: the `rerun`
+# that is on the path is a script that waits for the program which does the work.
+_ENDS_WITH_US = """
+import os, signal, subprocess, sys, threading
+viewer = subprocess.Popen(sys.argv[1:], stdin=subprocess.DEVNULL)
+def end():
+    sys.stdin.buffer.read()
+    os.killpg(0, signal.SIGTERM) if hasattr(os, "killpg") else viewer.terminate()
+threading.Thread(target=end, daemon=True).start()
+sys.exit(viewer.wait())
+"""
 # What a viewer keeps of a session: pictures of a few minutes.
 _MEMORY = "512MiB"
 
@@ -40,9 +51,12 @@ class Viewer:
             self.page = f"http://127.0.0.1:{web_port}/?url=rerun%2Bhttp://127.0.0.1:{port}/proxy"
         self.address = f"rerun+http://127.0.0.1:{port}/proxy"
         self._stays = not (web or options)
+        if not self._stays:
+            command = [sys.executable, "-I", "-S", "-c", _ENDS_WITH_US, *command]
         # In a session of its own: a Ctrl-C that ends ours leaves the window with the result.
         self._process = subprocess.Popen(
             command,
+            stdin=subprocess.DEVNULL if self._stays else subprocess.PIPE,
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
             start_new_session=True,
@@ -50,7 +64,7 @@ class Viewer:
         )
         if hasattr(os, "setpriority"):
             # Drawing takes all it can get, in software most of all: the search comes first.
-            os.setpriority(os.PRIO_PROCESS, self._process.pid, _NICE)
+            os.setpriority(os.PRIO_PGRP, self._process.pid, _NICE)
         try:
             self._wait_for(port)
         except BaseException:
@@ -79,16 +93,10 @@ class Viewer:
         """A window stays for who wants to look at the result; a page for a browser goes with the session."""
         if (self._stays and not force) or self._process.poll() is not None:
             return
-        import psutil
-
-        # The `rerun` that is on the path is a script that waits for the program which does the work.
-        try:
-            family = psutil.Process(self._process.pid).children(recursive=True)
-        except psutil.NoSuchProcess:
-            family = []
-        for process in family:
-            process.terminate()
-        self._process.terminate()
+        if hasattr(os, "killpg"):
+            os.killpg(self._process.pid, signal.SIGTERM)
+        else:
+            self._process.terminate()
         self._process.wait()
 
 

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 
 from quadrig.io.verbosity import say
 from quadrig.io.viewer.process import ends_with_us
-from quadrig.io.whole_file import written_beside
 from quadrig.single.errors import QuadrigError
 
 if TYPE_CHECKING:
@@ -54,9 +53,9 @@ def open_window(shown: Shown) -> None:
 
 def save_rrd(shown: Shown, path: Path) -> None:
     """Write an .rrd file, whole or not at all."""
-    with written_beside(path) as beside:
-        stream = _stream()
-        stream.save(str(beside), default_blueprint=shown.blueprint)
+    from quadrig.io.viewer.rrd_file import rrd_written
+
+    with rrd_written(path, "quadrig", shown.blueprint) as stream:
         _log(shown, stream)
 
 
@@ -71,24 +70,19 @@ def _serve(shown: Shown) -> None:
 
 
 def _send(shown: Shown, address: str, one_look: bool = False) -> None:
+    import rerun as rr
     import rerun.blueprint as rrb
 
-    stream, blueprint = _stream(), shown.blueprint
+    stream, blueprint = rr.RecordingStream("quadrig"), shown.blueprint
     if one_look:
         # A picture needs no menu, nor what the viewer says of the machine that drew it.
         blueprint = copy.copy(blueprint)
         blueprint.top_panel = rrb.TopPanel(state="hidden")
     stream.connect_grpc(address, default_blueprint=blueprint)
     _log(shown, stream, one_look)
-
-
-def _stream() -> "rr.RecordingStream":
-    import rerun as rr
-
-    return rr.RecordingStream("quadrig")
+    stream.disconnect()
 
 
 def _log(shown: Shown, stream: "rr.RecordingStream", one_look: bool = False) -> None:
     shown.log(stream, one_look)
     stream.flush()
-    stream.disconnect()

@@ -9,8 +9,8 @@ import rerun.blueprint as rrb
 
 from quadrig.io.drawing.geometry import RING
 from quadrig.io.drawing.palette import FOUND, PREDICTED, SHEET, STATIC, camera_colours
+from quadrig.io.viewer.rrd_file import rrd_written
 from quadrig.io.viewer.shapes import frustum, transform
-from quadrig.io.whole_file import written_beside
 from quadrig.single.arrays import Floats, Picture
 from quadrig.single.calibration import Calibration
 from quadrig.single.rectangle import Rectangle
@@ -34,8 +34,7 @@ def save_calibration(
         ),
         collapse_panels=True,
     )
-    with written_beside(path) as beside, rr.RecordingStream("quadrig single") as recording:
-        recording.save(str(beside), default_blueprint=blueprint)
+    with rrd_written(path, "quadrig single", blueprint) as recording:
         _log_space(recording, rectangle, view, calibration)
         _log_picture(recording, picture, rectangle, view, calibration)
 

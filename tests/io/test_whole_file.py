@@ -2,11 +2,15 @@
 
 import os
 import stat
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
 
-from quadrig.io.whole_file import refuse_no_place, write_text, written_beside
+from quadrig.io.whole_file import place_held, refuse_no_place, write_text, written_beside
 from quadrig.single.errors import QuadrigError
 
 
@@ -89,3 +93,58 @@ def test_what_fails_half_way_leaves_the_old_file_and_nothing_else(tmp_path):
     with pytest.raises(KeyboardInterrupt):
         half()
     assert [(one.name, one.read_text()) for one in tmp_path.iterdir()] == [("rig.toml", "old")]
+
+
+WRITES_UNTIL_KILLED = """
+import sys
+from quadrig.io.whole_file import written_beside
+with written_beside(sys.argv[1]) as beside:
+    beside.write_text("half")
+    print("at work", flush=True)
+    sys.stdin.read()
+"""
+
+
+@contextmanager
+def at_work(path: Path) -> Iterator[subprocess.Popen[str]]:
+    """Another process that writes this file, killed at the end."""
+    process = subprocess.Popen(
+        [sys.executable, "-c", WRITES_UNTIL_KILLED, str(path)],
+        stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    try:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "at work\n"
+        yield process
+    finally:
+        process.kill()
+        process.communicate()
+
+
+@pytest.mark.skipif(os.name == "nt", reason="locks are POSIX's")
+def test_two_at_once_the_second_says_who_is_at_work_and_goes_on_where_that_one_was_killed(tmp_path):
+    path = tmp_path / "rig[1].toml"
+    path.write_text("old")
+    with at_work(path) as process:
+        with pytest.raises(QuadrigError, match=rf"rig\[1\].toml is being written by process {process.pid} \(-c"):
+            write_text(path, "second")
+        write_text(tmp_path / "another.toml", "")
+    assert path.read_text() == "old"
+    assert len(list(tmp_path.iterdir())) > 2
+    with place_held(path):
+        assert sorted(one.name for one in tmp_path.iterdir()) == [".rig[1].toml.lock", "another.toml", path.name]
+        write_text(path, "third")
+    assert sorted((one.name, one.read_text()) for one in tmp_path.iterdir()) == [
+        ("another.toml", ""),
+        ("rig[1].toml", "third"),
+    ]
+
+
+def test_an_error_of_what_is_read_is_not_blamed_on_what_is_written(tmp_path):
+    def fails() -> None:
+        with written_beside(tmp_path / "out") as beside:
+            beside.write_bytes((tmp_path / "in").read_bytes())
+
+    with pytest.raises(FileNotFoundError, match="in'"):
+        fails()
+    assert list(tmp_path.iterdir()) == []

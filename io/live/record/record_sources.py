@@ -47,7 +47,7 @@ def record_sources(
     """Record every frame of live sources until `stop` says why, Ctrl-C, or all of them have ended.
 
     show: gets how the sources do, over and over. attachments: files that go with the recording, by name.
-    The recording is closed whatever happens; where no source gave a picture it is removed again.
+    The recording is closed whatever happens; where no source gave a picture there is none, and an old one stays.
     Raises QuadrigError where it cannot be written, or no source gave a picture.
     """
     began, ending = time.monotonic(), "interrupted"
@@ -76,7 +76,6 @@ def record_sources(
             pass
         states = [source.state() for source in sources]
     if not first:
-        output.unlink(missing_ok=True)
         why = "; ".join(state.detail for state in states if state.detail) or "look at the sources"
         raise QuadrigError(f"no source gave a picture: {why}")
     recorded = tuple(_recorded(state, counts[state.name], first.get(state.name)) for state in states)

@@ -4,7 +4,8 @@ import os
 import queue
 import threading
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,7 @@ from typing import Any
 from quadrig.io.live.capture.frame import Frame
 from quadrig.io.live.record.kept_views import KEPT_SCHEMA, KEPT_TOPIC
 from quadrig.io.topic_writer import TopicWriter
+from quadrig.io.whole_file import cannot_write, new_part, place_held
 from quadrig.single.errors import QuadrigError
 
 # A chunk is closed when it is this old, so that a crash loses less than the second that is promised.
@@ -29,23 +31,30 @@ class _Note:
 class LiveRecorder:
     """Writes frames to an MCAP on a thread of its own, as foxglove.CompressedImage on /NAME/image_raw/compressed.
 
+    The file appears with the first of them, in the place of what was there and of the files that it `replaces`.
     A recording that stops without close() has no index at its end; every chunk that was flushed can be read.
-    Raises QuadrigError where the file cannot be written.
+    Raises QuadrigError where the file cannot be written, or another process writes it.
     """
 
-    def __init__(self, path: Path, attachments: Mapping[str, bytes] | None = None) -> None:
-        self.path, self.dropped = path, 0
+    def __init__(
+        self, path: Path, attachments: Mapping[str, bytes] | None = None, replaces: Sequence[Path] = ()
+    ) -> None:
+        self.path, self.dropped, self._replaces = path, 0, tuple(replaces)
+        self._held = ExitStack()
+        self._place = self._held.enter_context(place_held(path))
         try:
-            self._file = path.open("wb")
+            self._part: Path | None = new_part(self._place)
+            self._file = self._part.open("wb")
         except OSError as error:
-            raise QuadrigError(f"{path}: cannot be written ({error.strerror}); choose another place") from None
+            self._held.close()
+            raise cannot_write(path, error) from error
         # Uncompressed: JPEG does not get smaller by compressing it again.
         self._writer = TopicWriter(self._file)
         self._writer.declare_json(KEPT_TOPIC, KEPT_SCHEMA)
         for name, data in (attachments or {}).items():
             self._writer.attach(name, "application/octet-stream", data, time.time_ns())
         self._queue: queue.Queue[Frame | _Note | None] = queue.Queue(_WAITING_FRAMES)
-        self._failure = ""
+        self._failure, self._written = "", False
         self._thread = threading.Thread(target=self._run, name="recorder", daemon=True)
         self._thread.start()
 
@@ -82,13 +91,18 @@ class LiveRecorder:
             self._file.flush()
             os.fsync(self._file.fileno())
         except OSError as error:
-            self._failure = f"{self.path}: recording stopped ({error.strerror}); make room on the disk"
+            kept = "" if self._part else "; what was recorded until then is kept"
+            self._failure = f"{self.path}: recording stopped ({error.strerror}); make room on the disk{kept}"
             _empty(self._queue)
         except QuadrigError as error:
             self._failure = str(error)
             _empty(self._queue)
         finally:
-            self._file.close()
+            with suppress(OSError):
+                self._file.close()
+            if self._part is not None:
+                self._part.unlink(missing_ok=True)
+            self._held.close()
 
     def _write_until_closed(self) -> None:
         flushed = time.monotonic()
@@ -96,17 +110,31 @@ class LiveRecorder:
             try:
                 item = self._queue.get(timeout=max(0.0, flushed + FLUSH_SECONDS - time.monotonic()))
                 if item is None:
-                    return
-                if isinstance(item, Frame):
-                    topic = f"/{item.camera}/image_raw/compressed"
-                    self._writer.write_protobuf(topic, _compressed_image(item), item.stamp)
-                else:
-                    self._writer.write_json(KEPT_TOPIC, item.data, item.stamp)
+                    break
+                self._write(item)
             except queue.Empty:
                 pass
             if time.monotonic() - flushed >= FLUSH_SECONDS:
-                self._writer.flush()
+                self._flush()
                 flushed = time.monotonic()
+        self._flush()
+
+    def _write(self, item: Frame | _Note) -> None:
+        if isinstance(item, Frame):
+            topic = f"/{item.camera}/image_raw/compressed"
+            self._writer.write_protobuf(topic, _compressed_image(item), item.stamp)
+        else:
+            self._writer.write_json(KEPT_TOPIC, item.data, item.stamp)
+        self._written = True
+
+    def _flush(self) -> None:
+        """Keep what was written also when this process is killed; with the first of it the file appears."""
+        self._writer.flush()
+        if self._part is not None and self._written:
+            for old in self._replaces:
+                old.unlink(missing_ok=True)
+            self._part.replace(self._place)
+            self._part = None
 
 
 def _compressed_image(frame: Frame) -> Any:

@@ -1,16 +1,16 @@
 """A live session in a rerun viewer, or in a file, moment by moment."""
 
-import os
 import queue
 import sys
 import threading
 import time
 from collections.abc import Sequence
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from pathlib import Path
 
 from quadrig.io.live.state import SetupState
 from quadrig.io.viewer.process import Viewer
+from quadrig.single.errors import QuadrigError
 from quadrig.single.rectangle import Rectangle
 
 # Seconds from moment to moment in a viewer at least, and that it may take to accept one.
@@ -31,18 +31,17 @@ class RerunScreen:
         viewer: Viewer | None = None,
         file: Path | None = None,
     ) -> None:
-        # A viewer that was closed is said by ourselves, once; rerun reads this while it is imported.
-        os.environ.setdefault("RUST_LOG", "off")
         import rerun as rr
 
+        from quadrig.io.viewer.rrd_file import rrd_written
         from quadrig.io.viewer.setup.blueprint import setup_blueprint
         from quadrig.io.viewer.setup.moments import MomentLog
 
-        self._recording = rr.RecordingStream("quadrig setup")
-        blueprint = setup_blueprint(cameras)
-        if viewer is None:
-            self._recording.save(str(file), default_blueprint=blueprint)
-        else:
+        blueprint, self._file = setup_blueprint(cameras), ExitStack()
+        if file is not None:
+            self._recording = self._file.enter_context(rrd_written(file, "quadrig setup", blueprint))
+        elif viewer is not None:
+            self._recording = rr.RecordingStream("quadrig setup")
             self._recording.connect_grpc(viewer.address, default_blueprint=blueprint)
             self._recording.send_blueprint(blueprint)
         self._moments = MomentLog(self._recording, cameras, rectangles)
@@ -65,6 +64,13 @@ class RerunScreen:
         """Send what waits."""
         self._hand_over(None)
         self._thread.join(_SLOWEST)
+        if self._viewer is None:
+            try:
+                self._file.close()
+            except QuadrigError as error:
+                # What the session came to matters more.
+                print(f"rig: {error}", file=sys.stderr, flush=True)
+            return
         # A viewer that was closed takes nothing any more.
         with suppress(RuntimeError):
             self._recording.flush(timeout_sec=_SLOWEST)

@@ -106,9 +106,9 @@ def test_enter_and_interrupt_leave_a_rig_and_a_recording(videos, tmp_path, how):
         wait_for_kept(tmp_path / "rig-recording.mcap", 5)
         if how == "Ctrl-C":
             process.send_signal(signal.SIGINT)
-            out, err = process.communicate(timeout=30)
+            out, err = process.communicate(timeout=120)
         else:
-            out, err = process.communicate("\n", timeout=30)
+            out, err = process.communicate("\n", timeout=120)
     finally:
         process.kill()
     assert process.returncode == 0, err
@@ -128,7 +128,7 @@ def test_killed_and_resumed(videos, tmp_path, capsys, before):
     finally:
         os.kill(process.pid, signal.SIGKILL)
         # Its worker holds the other end of these pipes: it is gone as well.
-        process.communicate(timeout=20)
+        process.communicate(timeout=120)
     before = {view.frameset for view in read_kept_views(tmp_path / "rig-recording.mcap")[0]}
     assert all(camera.frames for camera in open_recording([tmp_path / "rig-recording.mcap"]).cameras)
     assert run(arguments(videos, tmp_path / "rig.mcap", "--no-viewer", "--json", "--fast", "--resume")) == 0
