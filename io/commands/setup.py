@@ -11,11 +11,11 @@ from quadrig.io.formats.rig_json import json_text
 from quadrig.io.live.capture.chosen_sources import named_sources
 from quadrig.io.live.capture.source import Pace
 from quadrig.io.live.display import Screen
-from quadrig.io.live.plan import SetupPlan, SetupResult
+from quadrig.io.live.plan import SetupPlan, SetupResult, check_plan
 from quadrig.io.live.session import run_setup
 from quadrig.io.live.terminal import enter_pressed
 from quadrig.io.rig_file.rig_mcap import refuse_no_rig, write_rig
-from quadrig.io.verbosity import say
+from quadrig.io.verbosity import note, say
 from quadrig.io.whole_file import place_held
 from quadrig.rig.coach.advice import good_for
 from quadrig.rig.doubt.weaknesses import clocks_apart
@@ -60,6 +60,8 @@ def setup(
     wanted = read_length(until, _BARE_ACCURACY) if until else None
     rig_config = read_config(config)
     cameras = named_sources(sources or [], rig_config, config.parent)
+    for remark in check_plan(rig_config, list(cameras)):
+        note(remark)
     pace: Pace = "consumed" if fast else "real time"
     refuse_no_rig(output)
     with place_held(output):

@@ -416,6 +416,15 @@ def _check_reference(
         )
 
 
+def refuse_reference(config: RigConfig, cameras: Sequence[str]) -> None:
+    """Raises QuadrigError where the reference is none of these cameras, nor a rectangle that stands still."""
+    names = [*cameras, *(one.name for one in config.rectangles if not one.moving)]
+    if config.reference is not None and config.reference not in names:
+        raise QuadrigError(
+            f"reference is {config.reference!r}, which is none of {', '.join(names)}; take one of them"
+        )
+
+
 def write_config(config: RigConfig, path: Path | str) -> None:
     """Write a rig.toml, whole or not at all. Raises QuadrigError where it cannot be written."""
     write_text(path, config_text(config))

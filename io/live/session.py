@@ -133,7 +133,7 @@ class SetupSession:
         for frame in frameset.frames.values():
             self.recorder.write(frame, wait=self.plan.waits)
         self.keeper.consider(frameset.index, frameset.stamp, searches, self.search.diagonals)
-        fault = self.blind.look(searches, frameset.stamp / 1e9)
+        fault = self.search.fault() or self.blind.look(searches, frameset.stamp / 1e9)
         if fault is not None:
             self.keeper.blame(fault)
         return searches

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from quadrig.io.config.rig_toml import CameraConfig, RigConfig
+from quadrig.io.config.rig_toml import CameraConfig, RigConfig, refuse_reference
 from quadrig.io.formats.any_file import KnownLens
 from quadrig.io.recording.camera import RecordedCamera
 from quadrig.io.recording.framesets import build_framesets
@@ -118,17 +118,8 @@ def open_checked(
     groups = separate_recordings(paths, effort.rate)
     recordings = [open_described(group, config, effort.rate, several=len(groups) > 1) for group in groups]
     cameras, remarks = with_known_lenses(camera_inputs(recordings, config), lenses, keep_lenses)
-    _refuse_reference(config, cameras)
+    refuse_reference(config, [camera.name for camera in cameras])
     return recordings, cameras, list(remarks)
-
-
-def _refuse_reference(config: RigConfig, cameras: Sequence[CameraInput]) -> None:
-    """Raises QuadrigError where the reference is none of the cameras and rectangles."""
-    names = [*(camera.name for camera in cameras), *(one.name for one in config.rectangles if not one.moving)]
-    if config.reference is not None and config.reference not in names:
-        raise QuadrigError(
-            f"reference is {config.reference!r}, which is none of {', '.join(names)}; take one of them"
-        )
 
 
 def _search_one(recording: Recording, config: RigConfig, effort: Effort) -> _OneRecording:

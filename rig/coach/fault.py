@@ -4,7 +4,15 @@ from dataclasses import dataclass
 from typing import Literal
 
 FaultKind = Literal[
-    "blur", "motion", "too bright", "too dark", "held still", "wrong board", "wrong scale", "not static"
+    "blur",
+    "motion",
+    "too bright",
+    "too dark",
+    "held still",
+    "wrong board",
+    "wrong scale",
+    "not static",
+    "another size",
 ]
 
 
