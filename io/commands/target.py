@@ -1,6 +1,8 @@
 """`rig target`: draw a sheet with markings to print, and print its rig.toml lines."""
 
+from collections.abc import Callable
 from enum import StrEnum
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -8,6 +10,7 @@ import typer
 
 from quadrig.io.config.edit_toml import with_rectangles
 from quadrig.io.config.rig_toml import read_config
+from quadrig.io.sheet.box import BOX_FACES, box_pdf, largest_box_tag, on_box
 from quadrig.io.sheet.layout import (
     Paper,
     largest_step,
@@ -76,6 +79,7 @@ def target(
     columns: Annotated[int | None, typer.Option(min=2, help="Squares, tags or circles along its width.")] = None,
     rows: Annotated[int | None, typer.Option(min=2, help="Squares, tags or circles along its height.")] = None,
     per_page: Annotated[int, typer.Option(min=1, max=24, help="Tags on a page.")] = 1,
+    box: Annotated[bool, typer.Option("--box", help="Six tags on the net of a cube to fold: a body.")] = False,
     name: Annotated[str | None, typer.Option(help="Name in rig.toml; tags add their id to it.")] = None,
     moving: Annotated[
         bool | None, typer.Option("--moving/--static", help="Carried about, or lying still; boards are carried.")
@@ -93,11 +97,16 @@ def target(
     --measured (and --config rig.toml): the lines then give the size that was really printed.
 
     Examples: rig target --kind tag --ids 0-3 --paper A4 -o sheet.pdf;
-    rig target --kind aprilgrid --columns 6 --rows 6 -o april.pdf (Kalibr's layout)
+    rig target --kind aprilgrid --columns 6 --rows 6 -o april.pdf (Kalibr's layout);
+    rig target --box --paper A3 -o box.pdf
     """
     scale = 1.0 if measured is None else parse_measured(measured)
-    moves = kind is not Kind.tag if moving is None else moving
-    if kind is Kind.tag:
+    moves = (box or kind is not Kind.tag) if moving is None else moving
+    draw: Callable[[list[Rectangle], Paper], bytes] = partial(target_pdf, per_page=per_page)
+    if box:
+        page = paper_named(paper, across=False)
+        rectangles, draw = _box(ids, dictionary, page, size, name or "box", moves), box_pdf
+    elif kind is Kind.tag:
         page = paper_named(paper, across=False)
         rectangles = _tags(ids, dictionary, page, size, per_page, name or "tag", moves)
     else:
@@ -108,10 +117,10 @@ def target(
         page = paper_named(paper, across=across >= down)
         step = read_length(size) if size else largest_step(page, across, down)
         rectangles = [_board(name, _board_marking(kind, columns, rows, step, ids, dictionary), moves)]
-        per_page = 1
+        draw = partial(target_pdf, per_page=1)
     check_rectangles(rectangles)
     if output is not None:
-        drawing = target_pdf(rectangles, page, per_page)
+        drawing = draw(rectangles, page)
         with written_beside(output) as beside:
             beside.write_bytes(drawing)
         say(f"wrote {output}; print it at actual size and measure the ruler")
@@ -130,6 +139,17 @@ def _tags(
     cells = tag_dictionary(known).markerSize + 2
     side = read_length(size) if size else largest_tag(paper, cells, min(per_page, len(numbers)))
     return [Rectangle(f"{name}{number}", side, side, TagMarking(known, number), moving) for number in numbers]
+
+
+def _box(
+    ids: str, dictionary: str | None, paper: Paper, size: str | None, name: str, moving: bool
+) -> list[Rectangle]:
+    numbers = list(range(BOX_FACES)) if ids == "0" else parse_ids(ids)
+    if len(numbers) != BOX_FACES:
+        raise QuadrigError(f"a box has {BOX_FACES} faces, and --ids {ids} names {len(numbers)} tags; give as many")
+    family = canonical_dictionary(dictionary or "apriltag_36h11")
+    side = read_length(size) if size else largest_box_tag(paper, tag_dictionary(family).markerSize + 2)
+    return on_box([Rectangle(f"{name}{n}", side, side, TagMarking(family, n), moving) for n in numbers], name)
 
 
 def _board(name: str | None, marking: Marking, moving: bool) -> Rectangle:

@@ -29,7 +29,12 @@ def with_rectangles(text: str, rectangles: Sequence[Rectangle]) -> str:
             if key not in table or table[key] != value:
                 table[key] = _inline(value)
     edited = tomlkit.dumps(document)
-    return f"{edited.rstrip()}\n\n{config_text(RigConfig(tuple(new)))}" if new else edited
+    if not new:
+        return edited
+    behind, bodies = tomlkit.parse(config_text(RigConfig(tuple(new)))), [b["name"] for b in document.get("body", [])]
+    if "body" in behind and set(bodies) & {body["name"] for body in behind["body"]}:
+        del behind["body"]
+    return f"{edited.rstrip()}\n\n{tomlkit.dumps(behind)}"
 
 
 def _inline(value: object) -> object:

@@ -6,6 +6,8 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from quadrig.io.config.known_sizes import PAPER_SIZES
 from quadrig.io.config.rig_toml import RigConfig, config_text
 from quadrig.io.sheet.pdf import PdfPage, pdf_bytes
@@ -21,6 +23,8 @@ _EDGE = 8.0
 _FOOT = 34.0
 # Length and distance (mm) of cutting marks from the corners they point at.
 _CUT, _CUT_GAP = 4.0, 1.0
+# mm from the edge of the paper to what is to be cut out.
+BORDER = _EDGE + _CUT + _CUT_GAP
 # mm: what a ruler of 150 mm is read to is 0.5 mm, so its scale is good to 0.3 %.
 _RULER = 150.0
 # A printer that is off by more than this did not print "at actual size": the page was fitted to the paper.
@@ -38,8 +42,7 @@ class Paper:
     @property
     def room(self) -> tuple[float, float]:
         """Width and height in mm that markings with their quiet zones may fill."""
-        border = _EDGE + _CUT + _CUT_GAP
-        return self.width - 2 * border, self.height - border - _EDGE - _FOOT
+        return self.width - 2 * BORDER, self.height - BORDER - _EDGE - _FOOT
 
 
 def paper_named(name: str, across: bool) -> Paper:
@@ -82,16 +85,17 @@ def parse_measured(text: str) -> float:
 def largest_tag(paper: Paper, cells: int, per_page: int) -> float:
     """Side in metres, whole mm, of the largest tags of which per_page fit on the paper with their quiet zones."""
     side = max(min(w, h) for w, h in _slots(paper, per_page)) / (1 + 3 / cells)
-    return _whole_mm(side, paper)
+    return whole_mm(side, paper)
 
 
 def largest_step(paper: Paper, across: float, down: float) -> float:
     """Length in metres, whole mm, of which the paper holds so many across and down, such as a board's square."""
     width, height = paper.room
-    return _whole_mm(min(width / across, height / down), paper)
+    return whole_mm(min(width / across, height / down), paper)
 
 
-def _whole_mm(side: float, paper: Paper) -> float:
+def whole_mm(side: float, paper: Paper) -> float:
+    """Metres of a length in mm, rounded down to whole ones. Raises QuadrigError where none is left."""
     if side < 1:
         raise QuadrigError(f"nothing of use fits on {paper.name}; take larger paper or fewer squares")
     return int(side) * 1e-3
@@ -120,21 +124,20 @@ def target_pdf(rectangles: Sequence[Rectangle], paper: Paper, per_page: int = 1)
 
 def _page(rectangles: Sequence[Rectangle], paper: Paper, per_page: int) -> PdfPage:
     page = PdfPage(paper.width, paper.height)
-    widest = max(_size(r)[0] for r in rectangles)
-    tallest = max(_size(r)[1] for r in rectangles)
+    widest = max(sheet_size(r)[0] for r in rectangles)
+    tallest = max(sheet_size(r)[1] for r in rectangles)
     columns, rows = _arrangement(paper, per_page, widest, tallest, rectangles[0].name)
-    border = _EDGE + _CUT + _CUT_GAP
     room = paper.room
     for index, rectangle in enumerate(rectangles):
         column, row = index % columns, index // columns
-        x = border + (column + 0.5) * room[0] / columns
-        y = border + (row + 0.5) * room[1] / rows
+        x = BORDER + (column + 0.5) * room[0] / columns
+        y = BORDER + (row + 0.5) * room[1] / rows
         _draw_sheet(page, rectangle, x, y)
-    _draw_foot(page, rectangles)
+    draw_foot(page, _short_lines(rectangles))
     return page
 
 
-def _size(rectangle: Rectangle) -> tuple[float, float]:
+def sheet_size(rectangle: Rectangle) -> tuple[float, float]:
     """Width and height in mm of the marking with its quiet zone."""
     border = rectangle.marking.quiet_zone(rectangle)
     return (rectangle.width + 2 * border) * 1e3, (rectangle.height + 2 * border) * 1e3
@@ -154,13 +157,7 @@ def _arrangement(paper: Paper, per_page: int, width: float, height: float, name:
 
 def _draw_sheet(page: PdfPage, rectangle: Rectangle, x: float, y: float) -> None:
     """The marking with its middle at (x, y) mm, its name, and marks to cut along outside of its quiet zone."""
-    sheet, *patches = marking_patches(rectangle)
-    if sheet.tone < 0.5:
-        patches = [sheet, *patches]
-    for (tone, ellipses), run in itertools.groupby(patches, key=lambda patch: (patch.tone, patch.round)):
-        fill = page.fill_ellipses if ellipses else page.fill
-        fill([_box(patch, x, y) for patch in run], tone)
-    left, top, right, bottom = _box(sheet, x, y)
+    left, top, right, bottom = draw_patches(page, rectangle, x, y)
     for corner_x, away_x in ((left, -1), (right, 1)):
         for corner_y, away_y in ((top, -1), (bottom, 1)):
             near_x, near_y = corner_x + away_x * _CUT_GAP, corner_y + away_y * _CUT_GAP
@@ -169,16 +166,28 @@ def _draw_sheet(page: PdfPage, rectangle: Rectangle, x: float, y: float) -> None
     page.text(left + 2, bottom + 3.2, f"{rectangle.name}: this side down", 2.2)
 
 
+def draw_patches(page: PdfPage, rectangle: Rectangle, x: float, y: float) -> tuple[float, float, float, float]:
+    """The marking with its middle at (x, y) mm; gives the box (left, top, right, bottom) of its sheet, mm."""
+    sheet, *patches = marking_patches(rectangle)
+    if sheet.tone < 0.5:
+        patches = [sheet, *patches]
+    for (tone, ellipses), run in itertools.groupby(patches, key=lambda patch: (patch.tone, patch.round)):
+        fill = page.fill_ellipses if ellipses else page.fill
+        fill([_box(patch, x, y) for patch in run], tone)
+    return _box(sheet, x, y)
+
+
 def _box(patch: Patch, x: float, y: float) -> tuple[float, float, float, float]:
     return x + patch.left * 1e3, y + patch.top * 1e3, x + patch.right * 1e3, y + patch.bottom * 1e3
 
 
-def _draw_foot(page: PdfPage, rectangles: Sequence[Rectangle]) -> None:
+def draw_foot(page: PdfPage, lines: Sequence[str]) -> None:
+    """What to do with the print: ruler, advice, and a few lines more."""
     top = page.height - _EDGE - _FOOT + 5
     _draw_ruler(page, _EDGE + 2, top)
     page.text(_EDGE + 2, top + 10, "Print at actual size (100 %), not fitted to the page. Measure the ruler:", 2.6)
     page.text(_EDGE + 2, top + 13.2, f"if it is not {_ruler(page):.0f} mm long, give its length with --measured", 2.6)
-    for number, line in enumerate(_short_lines(rectangles)):
+    for number, line in enumerate(lines):
         page.text(_EDGE + 2, top + 17.2 + 2.3 * number, line, 1.9, mono=True)
 
 
@@ -216,6 +225,7 @@ def target_toml(rectangles: Sequence[Rectangle]) -> str:
 
 def scaled(rectangle: Rectangle, scale: float) -> Rectangle:
     """The rectangle as a printer of this scale made it, lengths rounded to a micrometre."""
-    marking = rectangle.marking.scaled(scale)
+    marking, pose = rectangle.marking.scaled(scale), rectangle.body_from_rect
     width, height = marking.size or (round(rectangle.width * scale, 6), round(rectangle.height * scale, 6))
-    return replace(rectangle, width=width, height=height, marking=marking)
+    placed = pose and replace(pose, translation=np.round(pose.translation * scale, 6))
+    return replace(rectangle, width=width, height=height, marking=marking, body_from_rect=placed)

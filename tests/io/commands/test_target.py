@@ -148,3 +148,23 @@ def test_ids_rulers_and_papers_are_read():
     for text in ("", "x", "1-", "-1"):
         with pytest.raises(QuadrigError):
             parse_ids(text)
+
+
+def test_a_box_is_a_body_whose_lines_can_be_put_in_again(tmp_path, capsys):
+    config = tmp_path / "rig.toml"
+    assert run(["target", "--box", "--paper", "A3", "--config", str(config)]) == 0
+    first = read_config(config).rectangles
+    assert {(r.body, r.moving) for r in first} == {("box", True)}
+    assert len(first) == 6
+    assert run(["target", "--box", "--paper", "A3", "--measured", "149mm/150mm", "--config", str(config)]) == 0
+    before, after = (r[1].body_from_rect for r in (first, read_config(config).rectangles))
+    assert after.translation[0] == pytest.approx(before.translation[0] * 149 / 150, abs=1e-6)
+    assert run(["target", "--box", "--ids", "3-5"]) == 1
+    assert "a box has 6 faces" in capsys.readouterr().err
+
+
+def test_the_tags_of_a_box_are_printed_at_their_size(tmp_path, capsys):
+    rectangles, (page,) = drawn(tmp_path, capsys, "--box", "--ids", "6-11")
+    sides = [np.ptp(view.pixels, axis=0) for view in detect_views(page, rectangles)]
+    assert len(sides) == 6
+    np.testing.assert_allclose(np.array(sides) / DPI * 0.0254, rectangles[0].width, atol=5e-5)
