@@ -31,7 +31,7 @@ def _command(name: str) -> str:
     app = typer.Typer()
     app.command(name)(command_function(name))
     parameters = [one for one in get_command(app).params if not _COMPLETION & set(one.opts)]
-    lines += ["| option | | default |", "|---|---|---|"]
+    lines += ['<div class="options" markdown>', "", "| option | | default |", "|---|---|---|"]
     for one in parameters:
         about = re.sub(r"([][|<*_])", r"\\\1", getattr(one, "help", None) or "")
         names = ", ".join(f"`{each}`" for each in [*one.opts, *one.secondary_opts])
@@ -39,7 +39,7 @@ def _command(name: str) -> str:
             names = f"`{one.metavar or (one.name or '').upper()}`"
         about += _choices(command_function(name), one.name or "", about)
         lines.append(f"| {names} | {about} | {_default(one.default)} |")
-    return "\n".join([*lines, ""])
+    return "\n".join([*lines, "", "</div>", ""])
 
 
 def _choices(function: Callable[..., None], name: str, about: str) -> str:

@@ -24,6 +24,7 @@ from mkdocs.exceptions import PluginError  # noqa: E402
 _MADE: dict[str, Callable[[], str]] = {
     "rig.toml": rig_toml.page,
     "commands": commands.page,
+    "coverage": lambda: (ROOT / "docs" / "figures" / "coverage.md").read_text(),
     "house": lambda: house(),
     "changes": lambda: (ROOT / "CHANGELOG.md").read_text().partition("\n")[2],
     **{f"api {room}": (lambda room=room: api.page(room)) for room in api.ROOMS},

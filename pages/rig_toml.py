@@ -9,6 +9,7 @@ import msgspec
 from msgspec import inspect
 
 from quadrig.io.config.known_sizes import KNOWN_SIZES
+from quadrig.io.config.marking_tables import Length
 from quadrig.io.config.rig_toml import file_type
 from quadrig.single.markings.registry import marking_kinds
 
@@ -16,6 +17,8 @@ _TITLES = {
     "file": "The file",
     "rectangle": "[[rectangle]]",
     "world_from_rect": "world_from_rect = { … }",
+    "body_from_rect": "body_from_rect = { … }",
+    "body": "[[body]]",
     "camera": "[[camera]]",
 }
 
@@ -27,10 +30,19 @@ _BOARD = {
 _DICTIONARY = ("", "Its family: `apriltag_36h11`, `aruco_4x4_50` and the others of OpenCV.")
 _FIRST_ID = ("", "Id of the first tag; the others count on from it.")
 
+_POSE = {
+    "translation": ("m", "Its middle in that frame."),
+    "angles_deg": ("degrees", "Its rotation as angles about x, y and z: R = Rx Ry Rz."),
+    "quaternion_xyzw": ("", "The same as a quaternion, its real part last. Give one of the two."),
+    "sigma": ("m", "How well the place is known, along each axis."),
+    "sigma_deg": ("degrees", "How well the rotation is known, about each axis."),
+}
+
 WORDS: dict[str, dict[str, tuple[str, str]]] = {
     "file": {
         "reference": ("", "Whose frame is the rig frame: a camera, or a rectangle that stands still. Else a camera."),
         "rectangle": ("", "The rectangles, one table each."),
+        "body": ("", "Bodies that move, one table each. A body that stands still needs none."),
         "camera": ("", "What is known of cameras. Without any, every image topic of the recording is a camera."),
     },
     "rectangle": {
@@ -43,11 +55,14 @@ WORDS: dict[str, dict[str, tuple[str, str]]] = {
         "back": ("", "It is also seen from behind, mirrored: on glass, or printed through. Only markings with tags."),
         "scale_sigma": ("share", "How well its size is known: 0.001 is 0.1 %, what a printer is good for."),
         "world_from_rect": ("", "Where it stands, as it was surveyed."),
+        "body": ("", "The body that it is fixed to, with the other rectangles that say so: a box of tags, a room."),
+        "body_from_rect": ("", "Where it is on its body, as far as that is known; else it is found."),
     },
-    "world_from_rect": {
-        "translation": ("m", "Its middle in the surveyed frame."),
-        "angles_deg": ("degrees", "Its rotation as angles about x, y and z: R = Rx Ry Rz."),
-        "quaternion_xyzw": ("", "The same as a quaternion, its real part last. Give one of the two."),
+    "world_from_rect": _POSE,
+    "body_from_rect": _POSE,
+    "body": {
+        "name": ("", "What rectangles say in `body`."),
+        "moving": ("", "It is carried about: a new pose at every instant. Its rectangles then need not say so."),
     },
     "camera": {
         "name": (
@@ -111,9 +126,14 @@ def page() -> str:
         if table.tag is not None:
             lines += [_first_sentence(name), ""]
         if table.fields:
-            lines += ["| key | value | unit | default | |", "|---|---|---|---|---|"]
+            lines += [
+                '<div class="keys" markdown>',
+                "",
+                "| key | value | unit | default | |",
+                "|---|---|---|---|---|",
+            ]
             lines += [_row(name, key) for key in table.fields]
-            lines += [""]
+            lines += ["", "</div>", ""]
     return "\n".join([*lines, *_sizes()])
 
 
@@ -152,7 +172,7 @@ def _default(key: inspect.Field) -> str:
         return "**required**"
     if key.default in (None, msgspec.NODEFAULT):
         return "–"
-    return f"`{msgspec.json.encode(key.default).decode()}`"
+    return f"`{msgspec.json.encode(key.default, enc_hook=float).decode()}`"
 
 
 def _value(kind: inspect.Type) -> str:
@@ -166,7 +186,7 @@ def _value(kind: inspect.Type) -> str:
         case inspect.FloatType(gt=limit) | inspect.IntType(gt=limit) if limit is not None:
             return f"{_plain(kind)} above {limit:g}"
         case inspect.TupleType(item_types=items):
-            return f"{len(items)} numbers"
+            return f"{len(items)} {_plain(items[0])}s"
         case (
             inspect.ListType(item_type=inspect.StructType()) | inspect.CollectionType(item_type=inspect.StructType())
         ):
@@ -185,7 +205,9 @@ def _plain(kind: inspect.Type) -> str:
         inspect.BoolType: "`true` or `false`",
         inspect.StructType: "table",
     }
-    return words.get(type(kind), type(kind).__name__)
+    if isinstance(kind, inspect.CustomType) and kind.cls is Length:
+        return "length"
+    return words[type(kind)]
 
 
 def _first_sentence(kind: str) -> str:

@@ -1,5 +1,6 @@
 """`rig record`: live cameras, or videos and folders of images, into one MCAP recording."""
 
+import re
 import sys
 import time
 from collections.abc import Callable, Sequence
@@ -24,6 +25,8 @@ from quadrig.io.recording.time_table import with_timestamps
 from quadrig.io.verbosity import is_quiet, note
 from quadrig.io.whole_file import refuse_no_place
 from quadrig.single.errors import QuadrigError
+
+_NAMED = re.compile(r"[A-Za-z0-9_.-]+=")
 
 
 def record(
@@ -87,7 +90,9 @@ def record(
             _record_live(sources, output, seconds, {"rig.toml": described.text.encode()})
             return
         camera = [f"{name}={spec.address}" for name, spec in sources.items()]
-    _convert(inputs or [], camera or [], output, timestamps, rate, messages, images, quality)
+    named = [text for text in inputs or [] if _NAMED.match(text) and not Path(text).exists()]
+    unnamed = [text for text in inputs or [] if text not in named]
+    _convert(unnamed, [*named, *(camera or [])], output, timestamps, rate, messages, images, quality)
 
 
 def _record_live(

@@ -42,7 +42,7 @@ def undistort(
     They keep their size, and the lens its principal point and its focal length along x; pixels become square.
     `rig export --undistorted` says these lenses.
 
-    Examples: rig undistort rig.mcap cam0/ cam1.mp4 -o flat; rig undistort camchain.yaml shot.png --camera left
+    Examples: rig undistort rig.mcap cam0/ cam1.mp4 -o flat; rig undistort camchain.yaml shot.png --camera cam0
     """
     lenses = {name: known.intrinsics for name, known in read_any_lenses(rig).items()}
     # All that can be refused is, before anything is written.
