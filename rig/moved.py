@@ -288,8 +288,9 @@ def _twist(pose: Pose) -> Floats:
 
 def _distances(problem: Problem, joint: Joint) -> Floats:
     """Median distance (C,) from each camera of the rectangles that it saw, m."""
-    depth = joint.adjustment.state.camera_from_rect(joint.observations).translation[:, 2]
-    return np.array([np.median(depth[problem.camera == row]) for row in range(len(problem.cameras))])
+    place = joint.adjustment.state.camera_from_rect(joint.observations).translation
+    distance = np.linalg.norm(place, axis=1)
+    return np.array([np.median(distance[problem.camera == row]) for row in range(len(problem.cameras))])
 
 
 def _greedy(evidence: _Evidence, cameras: int, false_alarms: float) -> list[CameraMove]:

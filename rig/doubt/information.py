@@ -34,10 +34,7 @@ def derivatives_of_all(cameras: Sequence[Camera], points: Floats) -> tuple[Float
     shape = arm.shape[:-1]
     pixels, by_lens, by_camera_point = np.empty((*shape, 2)), np.empty((*shape, 2, 9)), np.empty((*shape, 2, 3))
     for model, rows in _by_model(cameras).items():
-        located = in_camera[rows]
-        if model == "pinhole":
-            located = np.where(located[..., 2:] > 0, located, np.nan)
-        found = project_with_derivatives(parameters[rows][:, None], located, model)
+        found = project_with_derivatives(parameters[rows][:, None], in_camera[rows], model)
         pixels[rows], by_lens[rows], by_camera_point[rows] = found
     by_point = by_camera_point @ np.swapaxes(poses.rotation, -1, -2)[:, None]
     free = np.stack([_free(camera) for camera in cameras])[:, None, None]

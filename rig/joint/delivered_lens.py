@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from quadrig.rig.adjustment.bordered import extended_grams
+from quadrig.rig.adjustment.normal_equations import chain_derivatives
 from quadrig.rig.joint.stages import Joint
 from quadrig.single.arrays import Floats
 
@@ -51,19 +52,26 @@ def delivered_lenses(joint: Joint) -> DeliveredLenses:
 
 def _sums(joint: Joint) -> tuple[Floats, Floats, Floats, Floats]:
     """Weighted sums over each camera's corners: of the lens's derivatives (C, K, K), of them with the remainder's
-    functions (C, K, 2 B), of those (C, 2 B, 2 B), and of the weights of both coordinates (C,)."""
-    cameras, lens, fields = (
-        len(joint.errors.lens_rows),
-        len(joint.adjustment.columns),
-        joint.errors.lens_rows.shape[1],
-    )
-    model, across = np.zeros((cameras, lens, lens)), np.zeros((cameras, lens, fields))
-    field, weight = np.zeros((cameras, fields, fields)), np.zeros(cameras)
+    functions (C, K, 2 B), of those (C, 2 B, 2 B), and of the weights of both coordinates (C,). A rectangle's pose
+    that one camera alone sees follows its lens; where others hold it, it stays."""
+    observations, (cameras, fields) = joint.observations, joint.errors.lens_rows.shape
+    lens = len(joint.adjustment.columns)
+    size = lens + fields
+    sums, weight = np.zeros((cameras, size, size)), np.zeros(cameras)
+    ties, own = np.zeros((observations.nodes, size, 6)), np.zeros((observations.nodes, 6, 6))
+    _, by_node = chain_derivatives(observations, joint.adjustment.state)
     firm = replace(joint.free, slack=None)
-    for part, gram, index in extended_grams(joint.errors, joint.observations, joint.adjustment, firm, joint.noise):
-        at = slice(lens + index.shape[1] - fields, lens + index.shape[1])
-        np.add.at(model, part.camera, gram[:, :lens, :lens])
-        np.add.at(across, part.camera, gram[:, :lens, at])
-        np.add.at(field, part.camera, gram[:, at, at])
+    for part, gram, index in extended_grams(joint.errors, observations, joint.adjustment, firm, joint.noise):
+        kept = np.r_[:lens, lens + index.shape[1] - fields : lens + index.shape[1]]
+        np.add.at(sums, part.camera, gram[:, kept[:, None], kept])
+        np.add.at(ties, part.node, gram[:, kept, -7:-1] @ by_node[part.view])
+        by_pose = by_node[part.view]
+        np.add.at(own, part.node, np.swapaxes(by_pose, 1, 2) @ gram[:, -7:-1, -7:-1] @ by_pose)
         np.add.at(weight, part.camera, 2 * part.weights.sum(axis=1) / joint.noise**2)
-    return model, across, field, weight
+    first, seen_by = np.unique(joint.adjustment.layout.pair_node, return_index=True, return_counts=True)[1:]
+    node, camera = (at[first][seen_by == 1] for at in (joint.adjustment.layout.pair_node, joint.adjustment.layout.pair_camera))
+    follows = joint.free.node[node] & (np.linalg.eigvalsh(own[node])[:, 0] > 0)
+    node, camera = node[follows], camera[follows]
+    followed = ties[node] @ np.linalg.solve(own[node], np.swapaxes(ties[node], 1, 2))
+    np.subtract.at(sums, camera, followed)
+    return sums[:, :lens, :lens], sums[:, :lens, lens:], sums[:, lens:, lens:], weight

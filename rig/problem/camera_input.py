@@ -42,8 +42,9 @@ class CameraInput:
 
     @property
     def first_lens(self) -> Intrinsics:
-        """The lens that is given, or a pinhole in the middle of the picture, of no focal yet (1 px)."""
-        return self.intrinsics or Intrinsics.centred(self.width, self.height, 1.0)
+        """The lens that is given, or one in the middle of the picture, of no focal yet (1 px)."""
+        model = "fisheye" if self.lens == "fisheye" else "pinhole"
+        return self.intrinsics or Intrinsics.centred(self.width, self.height, 1.0, model)
 
     def __post_init__(self) -> None:
         if self.width <= 0 or self.height <= 0:

@@ -153,29 +153,19 @@ def _weighted_median(values: Floats, weights: Floats) -> float:
 
 
 def _both_poses(observations: Observations, lens: Floats) -> tuple[Pose, Floats]:
-    """Both twins camera_from_rect of every View, a batch (V, 2), and their errors (V, 2) in the plane z = 1."""
+    """Both twins camera_from_rect of every View, a batch (V, 2), and their errors (V, 2) as PlanarPoses has them."""
     count = len(observations.camera)
     rotation, translation = np.tile(np.eye(3), (count, 2, 1, 1)), np.zeros((count, 2, 3))
     translation[..., 2] = 1.0
     errors = np.full((count, 2), np.inf)
     for group in observations.groups:
         ray = unproject(lens[group.camera][:, None, :], group.pixels, group.model)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            plane = np.where(ray[..., 2:] > 0.05, ray[..., :2] / ray[..., 2:], np.nan)
-        # Rays past 87 degrees, or none at all, have no place in the plane z = 1; the other points carry the pose.
-        lost = ~np.all(np.isfinite(plane), axis=-1)
-        weights = np.where(lost, 0.0, group.weights)
-        plane = np.where(lost[..., None], 0.0, plane)
-        solvable = (weights > 0).sum(axis=1) >= 4
-        if not solvable.any():
-            continue
-        homography = homographies(group.points[solvable][..., :2], plane[solvable], weights[solvable])
-        finite = np.all(np.isfinite(homography), axis=(-1, -2))
-        index = np.flatnonzero(solvable)[finite]
-        found = planar_poses(homography[finite], group.points[index], plane[index], weights[index])
-        rotation[group.view[index]] = found.camera_from_rect.rotation
-        translation[group.view[index]] = found.camera_from_rect.translation
-        errors[group.view[index]] = found.errors
+        found = planar_poses(group.points, ray, group.weights)
+        solved = np.isfinite(found.errors[:, 0])
+        index = group.view[solved]
+        rotation[index] = found.camera_from_rect.rotation[solved]
+        translation[index] = found.camera_from_rect.translation[solved]
+        errors[index] = found.errors[solved]
     return Pose(rotation, translation), errors
 
 

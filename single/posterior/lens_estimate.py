@@ -26,7 +26,6 @@ from quadrig.single.posterior.lens_fit import (
 )
 from quadrig.single.posterior.noise import EXPECTED_WEIGHT, noise_of
 from quadrig.single.posterior.tilt_prior import log_tilt_density
-from quadrig.single.solve.homography import homographies
 from quadrig.single.solve.planar_pose import planar_poses
 
 # Focals to begin from beside those of the corners, as shares of the usual one: from a wide lens to a long one.
@@ -176,18 +175,12 @@ def _modes(views: LensViews, prior: LensPrior, first_focals: Sequence[float]) ->
 
 
 def _both_poses(views: LensViews, lens: Floats) -> tuple[Pose, Floats]:
-    """Both tilts (M, V, 2) of every View under each lens (M, 9), the better first, and their errors (M, V, 2) in the
-    plane z = 1."""
-    plain = (views.pixels - lens[:, None, None, 1:3]) / lens[:, None, None, :1]
-    ray = unproject(lens[:, None, None], np.broadcast_to(views.pixels, plain.shape))
-    with np.errstate(all="ignore"):
-        plane = ray[..., :2] / ray[..., 2:]
+    """Both tilts (M, V, 2) of every View under each lens (M, 9), the better first, and their errors (M, V, 2) as
+    PlanarPoses has them."""
     # A pixel past the fold of a lens has no ray: one without distortion is near enough to begin from.
-    plane = np.where(np.isfinite(plane), plane, plain)
-    weights = np.broadcast_to(views.seen.astype(float), plane.shape[:-1])
-    with np.errstate(all="ignore"):
-        homography = homographies(np.broadcast_to(views.points[..., :2], plane.shape), plane, weights)
-        found = planar_poses(homography, views.points, plane, weights)
+    undistorted = np.where(np.arange(9) < 3, lens, np.arange(9) == 8)
+    rays, plain = (unproject(at[:, None, None], views.pixels) for at in (lens, undistorted))
+    found = planar_poses(views.points, np.where(np.isfinite(rays), rays, plain), views.seen.astype(float))
     return found.camera_from_rect, found.errors
 
 

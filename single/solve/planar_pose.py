@@ -11,26 +11,55 @@ import numpy as np
 from quadrig.single.arrays import Floats
 from quadrig.single.pose import Pose
 from quadrig.single.rotation import cross_matrix
+from quadrig.single.solve.homography import homographies
 
 
 @dataclass(frozen=True, eq=False)
 class PlanarPoses:
     """Two candidates for each plane: camera_from_rect, a batch (..., 2), the likelier first.
 
-    errors (..., 2): root mean square of the reprojection in the plane z = 1 (multiply by the focal for pixels).
+    errors (..., 2): root mean square of the reprojection in the plane z = 1 of a camera that looks at the middle of
+    the points (multiply by the focal for pixels, as they would be there).
     """
 
     camera_from_rect: Pose
     errors: Floats
 
 
-def planar_poses(homography: Floats, points: Floats, plane: Floats, weights: Floats | None = None) -> PlanarPoses:
+# The sine of how far short of the plane through the lens a ray ends that still has a place in the plane z = 1.
+_GRAZING = 0.05
+
+
+def planar_poses(points: Floats, rays: Floats, weights: Floats | None = None) -> PlanarPoses:
     """Both poses of planes whose points were seen by a lens that is known.
 
-    homography (..., 3, 3): from rectangle (x, y, 1) metres to the plane z = 1 of the camera. points (..., P, 3)
-    metres with z = 0, plane (..., P, 2) where their rays meet z = 1. weights (..., P): zero leaves a point out.
+    points (..., P, 3) metres with z = 0, rays (..., P, 3) of unit length in the camera frame along which they were
+    seen, also past 90 degrees from its axis; nan for points that have none. weights (..., P): zero leaves a point out.
+    Infinite errors where the points determine no pose.
     """
-    weights = np.ones(plane.shape[:-1]) if weights is None else np.asarray(weights, float)
+    given = np.ones(rays.shape[:-1]) if weights is None else np.asarray(weights, float)
+    given = np.where(np.isfinite(rays).all(axis=-1), given, 0.0)
+    rays = np.where(given[..., None] > 0, rays, 0.0)
+    # A camera turned towards the middle of the points has all of them in front, wherever the lens saw them.
+    towards = _rotation_to((rays * given[..., None]).sum(axis=-2))
+    turned = rays @ towards
+    weights = np.where(turned[..., 2] > _GRAZING, given, 0.0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        plane = np.where(weights[..., None] > 0, turned[..., :2] / turned[..., 2:], 0.0)
+        homography = homographies(points[..., :2], plane, weights)
+    known = np.isfinite(homography).all(axis=(-1, -2))
+    safe = known[..., None]
+    found = _in_plane(
+        np.where(safe[..., None], homography, np.eye(3)), points, plane, np.where(safe, weights, 1.0)
+    )
+    return PlanarPoses(
+        Pose(towards[..., None, :, :], np.zeros((*known.shape, 1, 3))) @ found.camera_from_rect,
+        np.where(safe, found.errors, np.inf),
+    )
+
+
+def _in_plane(homography: Floats, points: Floats, plane: Floats, weights: Floats) -> PlanarPoses:
+    """From the homography (..., 3, 3) of the points (..., P, 3) to where they were seen (..., P, 2) in z = 1."""
     rotations = _rotations(homography)
     points, plane, weights = points[..., None, :, :], plane[..., None, :, :], weights[..., None, :]
     rotated = points @ np.swapaxes(rotations, -1, -2)
@@ -56,7 +85,7 @@ def _rotations(homography: Floats) -> Floats:
     h = homography / homography[..., 2:, 2:]
     middle = h[..., :2, 2]
     slope = h[..., :2, :2] - middle[..., :, None] * h[..., 2:, :2]
-    towards = _rotation_to(middle)
+    towards = _rotation_to(np.concatenate([middle, np.ones((*middle.shape[:-1], 1))], axis=-1))
     local = towards[..., :2, :2] - middle[..., :, None] * towards[..., 2:, :2]
     scaled = np.linalg.solve(local, slope)
     gram = scaled @ np.swapaxes(scaled, -1, -2)
@@ -76,13 +105,14 @@ def _rotations(homography: Floats) -> Floats:
     return np.stack(candidates, axis=-3)
 
 
-def _rotation_to(middle: Floats) -> Floats:
-    """The smallest rotation that takes the optical axis to the ray through (middle, 1)."""
-    ray = np.concatenate([middle, np.ones((*middle.shape[:-1], 1))], axis=-1)
-    ray = ray / np.linalg.norm(ray, axis=-1, keepdims=True)
+def _rotation_to(direction: Floats) -> Floats:
+    """The smallest rotation (..., 3, 3) that takes the optical axis to a direction (..., 3) of any length."""
+    length = np.linalg.norm(direction, axis=-1, keepdims=True)
+    ray = np.where(length > 0, direction / np.where(length > 0, length, 1.0), [0.0, 0.0, 1.0])
     axis = np.stack([-ray[..., 1], ray[..., 0], np.zeros_like(ray[..., 0])], axis=-1)
     cross = cross_matrix(axis)
-    return np.eye(3) + cross + cross @ cross / (1 + ray[..., 2])[..., None, None]
+    # Straight behind, any half turn is as small as any other; no lens sees there.
+    return np.eye(3) + cross + cross @ cross / np.maximum(1 + ray[..., 2], 1e-12)[..., None, None]
 
 
 def _translations(rotated: Floats, plane: Floats, weights: Floats) -> Floats:

@@ -7,7 +7,6 @@ from quadrig.single.markings.boards import board_points
 from quadrig.single.pose import Pose
 from quadrig.single.rectangle import rectangle_corners
 from quadrig.single.rotation import rotation_from_vector
-from quadrig.single.solve.homography import homographies
 from quadrig.single.solve.planar_pose import planar_poses
 
 
@@ -22,9 +21,13 @@ def seen(poses, points):
     return located[..., :2] / located[..., 2:]
 
 
+def rays(plane):
+    ray = np.concatenate([plane, np.ones((*plane.shape[:-1], 1))], axis=-1)
+    return ray / np.linalg.norm(ray, axis=-1, keepdims=True)
+
+
 def solved(points, plane, weights=None):
-    every = np.broadcast_to(points, (len(plane), *points.shape))
-    return planar_poses(homographies(every[..., :2], plane, weights), every, plane, weights)
+    return planar_poses(points, rays(plane), weights)
 
 
 def facing(poses):
@@ -41,6 +44,18 @@ def test_exact_points_give_the_pose_they_came_from():
         np.testing.assert_allclose(found.camera_from_rect[:, 0].translation, truth.translation, atol=1e-6)
         np.testing.assert_allclose(found.errors[:, 0], 0, atol=1e-7)
         assert (found.errors[:, 1] >= found.errors[:, 0]).all()
+
+
+def test_planes_beside_and_behind_the_lens_are_as_good_as_any():
+    truth = in_front(100)
+    truth = truth[facing(truth)]
+    points = board_points(9, 7, 0.05)
+    for angle in (1.5, 1.9, 2.8):
+        turned = Pose(rotation_from_vector([0.6 * angle, -0.8 * angle, 0.0]), np.zeros(3)) @ truth
+        located = turned[:, None].transform(points)
+        found = planar_poses(points, located / np.linalg.norm(located, axis=-1, keepdims=True))
+        np.testing.assert_allclose(found.camera_from_rect[:, 0].rotation, turned.rotation, atol=1e-6)
+        np.testing.assert_allclose(found.camera_from_rect[:, 0].translation, turned.translation, atol=1e-6)
 
 
 def test_both_candidates_are_rotations_before_the_camera():
@@ -90,8 +105,7 @@ def test_any_leading_shape(shape):
     whole = solved(points, seen(truth, points))
     which = np.arange(int(np.prod(shape))).reshape(shape) % len(truth.translation)
     plane = seen(truth, points)[which]
-    every = np.broadcast_to(points, (*shape, 4, 3))
-    found = planar_poses(homographies(every[..., :2], plane), every, plane)
+    found = planar_poses(points, rays(plane))
     assert found.errors.shape == (*shape, 2)
     np.testing.assert_allclose(found.camera_from_rect.rotation, whole.camera_from_rect.rotation[which], atol=1e-9)
     np.testing.assert_allclose(
@@ -106,9 +120,12 @@ def test_errors_are_those_of_the_reprojection():
     weights = rng.choice([0.0, 1.0, 4.0], (40, 12), p=[0.1, 0.6, 0.3])
     plane = seen(truth, points) + 1e-3 * rng.normal(size=(40, 12, 2))
     found = solved(points, plane, weights)
+    middle = (weights[..., None] * rays(plane)).sum(axis=1)[..., None]
+    middle /= np.linalg.norm(middle, axis=1, keepdims=True)
     for k in (0, 1):
-        square = ((seen(found.camera_from_rect[:, k], points) - plane) ** 2).sum(axis=-1)
-        before = (found.camera_from_rect[:, k][:, None].transform(points)[..., 2] > 0).all(axis=1)
+        located = found.camera_from_rect[:, k][:, None].transform(points)
+        before = (located @ middle > 0).all(axis=(1, 2))
+        square = ((located / (located @ middle) - rays(plane) / (rays(plane) @ middle)) ** 2).sum(axis=-1)
         expected = np.sqrt((weights * square).sum(axis=1) / weights.sum(axis=1))
         np.testing.assert_allclose(found.errors[before, k], expected[before], rtol=1e-6)
         assert np.isinf(found.errors[~before, k]).all()
