@@ -2,9 +2,11 @@
 
     python -m benchmarks wide [../shared/data/cube]
 
-Nothing is given of the lens but what each line says. Test: root mean square distance (px) of every corner of the test
-pictures, outliers too, from where the lens model has it once the pose is fitted, of each board by itself, or of the
-body with the boards where another tool's file has them. Beyond: the angle from the axis, up to which corners were seen.
+Nothing is given of the lens but what each line says; auto finds the model. Test: root mean square distance (px) of
+every corner of the test pictures, outliers too, from where the lens model has it once the pose is fitted, of each
+board by itself, or of the body with its boards where another tool's file has them; with flat boards, or bent as the
+training pictures show them. The bound: the same fisheye fitted to the test pictures themselves leaves 0.262 px with
+flat boards.
 """
 
 import sys
@@ -89,7 +91,7 @@ def residuals(lens: Intrinsics, points: Floats, pixels: Floats, start: Pose) -> 
     return least_squares(left, np.zeros(6), x_scale=0.01).fun.reshape(-1, 2)
 
 
-def test_rms(folder: Path, lens: Intrinsics, sheets: Sequence[PlacedRectangle] = ()) -> tuple[float, float]:
+def left_over(folder: Path, lens: Intrinsics, sheets: Sequence[PlacedRectangle] = ()) -> tuple[float, float]:
     """Of boards by themselves, and of the body, px. sheets: with the shapes that boards have, instead of flat."""
     middles, placed = boards(folder), body_from_boards(folder)
     own, pictures = [], {}
@@ -118,7 +120,9 @@ def test_rms(folder: Path, lens: Intrinsics, sheets: Sequence[PlacedRectangle] =
 
 def main() -> None:
     folder = Path(sys.argv[1]) if len(sys.argv) > 1 else Path("../shared/data/cube")
-    table = Table("lens", "focal, px", "seen to, deg", "fit, px", "test, px", "body", "boards bent", "body of them", "s")
+    table = Table(
+        "lens", "focal, px", "seen to, deg", "fit, px", "test, px", "body", "boards bent", "body of them", "s"
+    )
     choices: tuple[LensChoice, ...] = ("fisheye", "auto")
     for choice in choices:
         start = time.perf_counter()
@@ -127,7 +131,7 @@ def main() -> None:
         camera = rig.cameras[0]
         rays = camera.intrinsics.unproject(np.concatenate([view.pixels for view in views(folder, "train")]))
         widest = np.degrees(np.nanmax(np.arccos(rays[:, 2])))
-        found = *test_rms(folder, camera.intrinsics), *test_rms(folder, camera.intrinsics, rig.rectangles)
+        found = *left_over(folder, camera.intrinsics), *left_over(folder, camera.intrinsics, rig.rectangles)
         table.add_row(
             choice if choice == camera.intrinsics.model else f"{choice}: {camera.intrinsics.model}",
             f"{camera.intrinsics.focal:.1f} +- {rig.focal_sigma('wide'):.1f}", f"{widest:.0f}", f"{camera.rms:.3f}",

@@ -7,6 +7,7 @@ import numpy as np
 from quadrig.rig.joint.stages import Contradicted, Joint, solve_jointly
 from quadrig.rig.problem.build import Problem, rebuilt
 from quadrig.rig.start.clock_offsets import RegroupedViews, path_offsets, regroup
+from quadrig.rig.start.lens_models import with_lens_models
 from quadrig.rig.start.lenses_and_poses import FirstCameras, first_cameras
 from quadrig.rig.start.pose_graph import FirstRig, first_rig, loose_rectangles
 from quadrig.single.arrays import Floats
@@ -33,7 +34,7 @@ def solve_with_clocks(problem: Problem, reference: str) -> Solved | Contradicted
     given, regrouped = problem, None
     rounds: list[Solved] = []
     for _ in range(_ROUNDS_OF_CLOCKS):
-        alone = first_cameras(problem)
+        problem, alone = with_lens_models(problem, first_cameras(problem))
         offsets = None if regrouped is None else regrouped.offsets
         problem, first, joint = _one_round(problem, alone, reference, offsets)
         if isinstance(joint, Contradicted):

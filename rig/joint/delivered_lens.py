@@ -1,15 +1,14 @@
 """The lens that is handed out: the model that comes nearest to the lens with what it leaves over.
 
 The smooth remainder of a lens and its model share what both can draw. As far as the model can follow the remainder
-where corners were seen, it takes it over: who has the model alone then misses least.
+where corners were seen, with the rectangles' poses following as far as other cameras let them, it takes it over: who
+has the model alone then misses least.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from quadrig.rig.adjustment.bordered import extended_grams
-from quadrig.rig.adjustment.normal_equations import chain_derivatives
 from quadrig.rig.joint.stages import Joint
 from quadrig.single.arrays import Floats
 
@@ -32,46 +31,35 @@ def delivered_lenses(joint: Joint) -> DeliveredLenses:
     lens = joint.adjustment.state.lens.copy()
     if not rows.size:
         return DeliveredLenses(lens, joint.bordered.by_unit, np.full(len(lens), np.nan))
-    model, across, field, weight = _sums(joint)
+    model, ties = _model(joint), joint.bordered.border.units.sum(axis=0).reshape(units, size, -1)
+    fields = joint.bordered.border.information.sum(axis=0)
     taken = np.zeros((units, size, len(joint.values)))
     remainder = np.zeros(cameras)
     for camera in range(cameras):
-        free = np.flatnonzero(joint.reduced.free[camera, : len(columns)])
+        free, own = np.flatnonzero(joint.reduced.free[camera, : len(columns)]), rows[camera]
         prior = joint.free.information[camera][np.ix_(columns[free], columns[free])]
-        share = np.linalg.solve(model[camera][np.ix_(free, free)] + prior, across[camera][free])
-        taken[camera][np.ix_(free, rows[camera])] = share
-        own = joint.values[rows[camera]]
-        step = share @ own
+        both, across = model[camera][np.ix_(free, free)], ties[camera][np.ix_(free, own)]
+        share = np.linalg.solve(both, across)
+        taken[camera][np.ix_(free, own)] = share
+        values = joint.values[own]
+        step = share @ values
         lens[camera, columns[free]] += step
-        left = own @ field[camera] @ own - 2 * step @ across[camera][free] @ own
-        left += step @ model[camera][np.ix_(free, free)] @ step
-        remainder[camera] = np.sqrt(max(left, 0.0) / max(weight[camera], np.finfo(float).tiny))
+        left = values @ fields[np.ix_(own, own)] @ values - 2 * step @ across @ values + step @ (both - prior) @ step
+        remainder[camera] = np.sqrt(max(left, 0.0) / max(_weights(joint, camera), np.finfo(float).tiny))
     by_unit = joint.bordered.by_unit + taken.reshape(units * size, -1) @ joint.bordered.root
     return DeliveredLenses(lens, by_unit, remainder)
 
 
-def _sums(joint: Joint) -> tuple[Floats, Floats, Floats, Floats]:
-    """Weighted sums over each camera's corners: of the lens's derivatives (C, K, K), of them with the remainder's
-    functions (C, K, 2 B), of those (C, 2 B, 2 B), and of the weights of both coordinates (C,). A rectangle's pose
-    that one camera alone sees follows its lens; where others hold it, it stays."""
-    observations, (cameras, fields) = joint.observations, joint.errors.lens_rows.shape
-    lens = len(joint.adjustment.columns)
-    size = lens + fields
-    sums, weight = np.zeros((cameras, size, size)), np.zeros(cameras)
-    ties, own = np.zeros((observations.nodes, size, 6)), np.zeros((observations.nodes, 6, 6))
-    _, by_node = chain_derivatives(observations, joint.adjustment.state)
-    firm = replace(joint.free, slack=None)
-    for part, gram, index in extended_grams(joint.errors, observations, joint.adjustment, firm, joint.noise):
-        kept = np.r_[:lens, lens + index.shape[1] - fields : lens + index.shape[1]]
-        np.add.at(sums, part.camera, gram[:, kept[:, None], kept])
-        np.add.at(ties, part.node, gram[:, kept, -7:-1] @ by_node[part.view])
-        by_pose = by_node[part.view]
-        np.add.at(own, part.node, np.swapaxes(by_pose, 1, 2) @ gram[:, -7:-1, -7:-1] @ by_pose)
-        np.add.at(weight, part.camera, 2 * part.weights.sum(axis=1) / joint.noise**2)
-    first, seen_by = np.unique(joint.adjustment.layout.pair_node, return_index=True, return_counts=True)[1:]
-    node, camera = (at[first][seen_by == 1] for at in (joint.adjustment.layout.pair_node, joint.adjustment.layout.pair_camera))
-    follows = joint.free.node[node] & (np.linalg.eigvalsh(own[node])[:, 0] > 0)
-    node, camera = node[follows], camera[follows]
-    followed = ties[node] @ np.linalg.solve(own[node], np.swapaxes(ties[node], 1, 2))
-    np.subtract.at(sums, camera, followed)
-    return sums[:, :lens, :lens], sums[:, :lens, lens:], sums[:, lens:, lens:], weight
+def _model(joint: Joint) -> Floats:
+    """What the corners and the priors say of each camera's lens (C, K, K), where rectangles' poses follow it as far
+    as other cameras let them."""
+    lens, diagonal = len(joint.adjustment.columns), joint.reduced.left == joint.reduced.right
+    model = np.zeros((len(joint.reduced.free), lens, lens))
+    model[joint.reduced.left[diagonal]] = joint.reduced.blocks[diagonal, :lens, :lens]
+    return model
+
+
+def _weights(joint: Joint, camera: int) -> float:
+    """Weights of both coordinates of a camera's corners, 1/px^2."""
+    groups = joint.observations.groups
+    return 2 * float(sum(group.weights[group.camera == camera].sum() for group in groups)) / joint.noise**2

@@ -71,22 +71,25 @@ class Candidates:
 @dataclass(frozen=True, eq=False)
 class FirstCameras:
     """Lenses (C, 9), candidates of every View, and the noise (px) seen so far. real_tilt (C,): what share of the
-    squared tilts that each camera sees is no noise."""
+    squared tilts that each camera sees is no noise. misfit (C,) px: of a coordinate, what the median View of each
+    camera leaves over."""
 
     lens: Floats
     candidates: Candidates
     noise: float
     real_tilt: Floats
+    misfit: Floats
 
 
-def first_cameras(problem: Problem) -> FirstCameras:
-    """Calibrate each camera against the rectangles it sees."""
+def first_cameras(problem: Problem, steps: int = _MONO_STEPS) -> FirstCameras:
+    """Calibrate each camera against the rectangles it sees, in so many steps."""
     observations = views_alone(problem).thinned(ENOUGH_POINTS)
     lens = _first_lenses(problem, observations)
     poses, errors = _both_poses(observations, lens)
-    alone = _refine(problem, observations, lens, poses[:, 0], errors[:, 0])
+    alone = _refine(problem, observations, lens, poses[:, 0], errors[:, 0], steps)
     candidates = _candidates(problem, observations, alone, poses[:, 1], errors)
-    return FirstCameras(alone.lens, candidates, alone.noise, _real_tilt(problem, observations, alone))
+    tilt, misfit = _real_tilt(problem, observations, alone), _misfit(observations, alone)
+    return FirstCameras(alone.lens, candidates, alone.noise, tilt, misfit)
 
 
 def views_alone(problem: Problem) -> Observations:
@@ -182,7 +185,9 @@ class _Alone:
     lens_doubt: Floats
 
 
-def _refine(problem: Problem, observations: Observations, lens: Floats, poses: Pose, errors: Floats) -> _Alone:
+def _refine(
+    problem: Problem, observations: Observations, lens: Floats, poses: Pose, errors: Floats, steps: int
+) -> _Alone:
     """Joint fit of each camera's lens over its Views, poses following."""
     cameras = len(problem.cameras)
     priors, still, every = (
@@ -195,7 +200,7 @@ def _refine(problem: Problem, observations: Observations, lens: Floats, poses: P
     # A mean squared length is twice the variance of a coordinate.
     noise = max(float(np.median(lengths)) / np.sqrt(2), LEAST_NOISE) if len(lengths) else problem.expected_noise
     state = _by_themselves(lens, poses)
-    found = adjust(observations, state, free, noise, robust=True, most_steps=_MONO_STEPS, tolerance=ROUGH)
+    found = adjust(observations, state, free, noise, robust=True, most_steps=steps, tolerance=ROUGH)
     unknowns = 6 * float(problem.shares.sum()) + float(free.lens.sum())
     seen = first_noise(observations, found.linearised.squares, unknowns, problem.expected_noise)
     gram = found.linearised.gram * (noise / seen) ** 2
@@ -215,6 +220,18 @@ def _lens_covariances(observations: Observations, found: Adjustment, free: FreeP
     reduced = undamped(weighed, free)
     covariance = lens_covariances(found, reduced_inverse(reduced))
     return covariance[:, found.columns[:, None], found.columns]
+
+
+def _misfit(observations: Observations, alone: _Alone) -> Floats:
+    """What the median View of each camera leaves over, px (C,); zero where none has more points than a pose needs."""
+    freedom = np.zeros(len(alone.cost))
+    for group in observations.groups:
+        freedom[group.view] = 2 * (group.weights > 0).sum(axis=1) - 6
+    known = (freedom > 0) & np.isfinite(alone.cost)
+    left = np.sqrt(alone.cost[known] / freedom[known])
+    own = observations.camera[known]
+    medians = [np.median(left[own == row]) if (own == row).any() else 0.0 for row in range(observations.cameras)]
+    return alone.noise * np.array(medians)
 
 
 def _real_tilt(problem: Problem, observations: Observations, alone: _Alone) -> Floats:

@@ -34,8 +34,8 @@ def planar_poses(points: Floats, rays: Floats, weights: Floats | None = None) ->
     """Both poses of planes whose points were seen by a lens that is known.
 
     points (..., P, 3) metres with z = 0, rays (..., P, 3) of unit length in the camera frame along which they were
-    seen, also past 90 degrees from its axis; nan for points that have none. weights (..., P): zero leaves a point out.
-    Infinite errors where the points determine no pose.
+    seen, also past 90 degrees from its axis; nan for points that have none. weights (..., P): zero leaves a point
+    out. Infinite errors where the points determine no pose.
     """
     given = np.ones(rays.shape[:-1]) if weights is None else np.asarray(weights, float)
     given = np.where(np.isfinite(rays).all(axis=-1), given, 0.0)
@@ -49,9 +49,7 @@ def planar_poses(points: Floats, rays: Floats, weights: Floats | None = None) ->
         homography = homographies(points[..., :2], plane, weights)
     known = np.isfinite(homography).all(axis=(-1, -2))
     safe = known[..., None]
-    found = _in_plane(
-        np.where(safe[..., None], homography, np.eye(3)), points, plane, np.where(safe, weights, 1.0)
-    )
+    found = _in_plane(np.where(safe[..., None], homography, np.eye(3)), points, plane, np.where(safe, weights, 1.0))
     return PlanarPoses(
         Pose(towards[..., None, :, :], np.zeros((*known.shape, 1, 3))) @ found.camera_from_rect,
         np.where(safe, found.errors, np.inf),

@@ -1,0 +1,31 @@
+"""Which model lenses have of which nothing is given: a pinhole, unless it misses what a fisheye meets."""
+
+from dataclasses import replace
+
+from quadrig.rig.problem.build import Problem, of_cameras
+from quadrig.rig.start.lenses_and_poses import FirstCameras, first_cameras
+
+# A first lens that misses its corners by so many times their noise may be of another model, which is tried.
+_MISSED = 2.5
+# By how much less a fisheye must miss: where both can bend as the lens does, a pinhole is what other software knows.
+_BETTER = 0.5
+# Steps by which lenses of both models are compared: what a fit is short of is not to be taken for a model's fault.
+_STEPS = 15
+
+
+def with_lens_models(problem: Problem, alone: FirstCameras) -> tuple[Problem, FirstCameras]:
+    """The problem with fisheyes where the Views show them, and its cameras each by itself. alone: as it was given."""
+    missed = alone.misfit > _MISSED * problem.expected_noise
+    tried = [row for row, one in enumerate(problem.cameras) if one.intrinsics is None and one.lens == "auto"]
+    tried = [row for row in tried if missed[row]]
+    if not tried:
+        return problem, alone
+    as_pinholes = of_cameras(problem, tried)
+    wide = tuple(replace(camera, lens="fisheye") for camera in as_pinholes.cameras)
+    misfits = [first_cameras(p, _STEPS).misfit for p in (as_pinholes, replace(as_pinholes, cameras=wide))]
+    names = {camera.name for camera, one, other in zip(wide, *misfits, strict=True) if other < _BETTER * one}
+    if not names:
+        return problem, alone
+    cameras = [replace(c, lens="fisheye") if c.name in names else c for c in problem.cameras]
+    found = replace(problem, cameras=tuple(cameras))
+    return found, first_cameras(found)
