@@ -1,5 +1,6 @@
 """Words that come from files, on their way to a terminal: control characters are shown and not obeyed."""
 
+import hashlib
 import os
 import re
 import sys
@@ -17,11 +18,22 @@ _BREAK = re.compile(r"\s*[\n\r\v\f\x1c-\x1e\x85\u2028\u2029]\s*")
 # Four times the longest name of a file: no name that a person reads.
 _LONG_WORD = re.compile(r"\S{1000,}")
 _SHOWN = 100
+LONGEST_NAME = 200
+"""Letters of a name that a file can be called by, with room for an ending."""
 
 
 def plain(text: str) -> str:
     r"""The text with each control character as JSON and YAML write it, \u001b."""
     return _UNSAFE.sub(lambda found: f"\\u{ord(found[0]):04x}", text)
+
+
+def plain_name(name: str) -> str:
+    """A name out of a file, plain and of a length that names of files have too; the same for the same name."""
+    shown = plain(name).replace("\n", "\\n").replace("\t", "\\t")
+    if len(shown) <= LONGEST_NAME:
+        return shown
+    mark = hashlib.blake2b(shown.encode(), digest_size=6).hexdigest()
+    return f"{shown[: LONGEST_NAME - 1 - len(mark)]}-{mark}"
 
 
 def one_line(sentence: str) -> str:

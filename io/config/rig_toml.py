@@ -15,6 +15,7 @@ from quadrig.io.config.kalibr_target import with_targets_read
 from quadrig.io.config.known_sizes import known_size
 from quadrig.io.config.marking_tables import Length, marking_keys, marking_of, marking_table, read_lengths
 from quadrig.io.config.toml_lines import toml_line
+from quadrig.io.plain_words import plain_name
 from quadrig.io.whole_file import read_text, write_text
 from quadrig.rig.problem.camera_input import CameraInput, LensChoice
 from quadrig.rig.problem.layouts import check_bodies
@@ -348,6 +349,11 @@ def _camera(table: _Camera, index: int, text: str, name: str) -> CameraConfig:
 def _check_unique(kind: str, names: list[str], text: str, name: str) -> None:
     seen: set[str] = set()
     for index, one in enumerate(names):
+        if plain_name(one) != one:
+            raise QuadrigError(
+                f"{locate(name, text, f'$.{kind}[{index}]', 'name')}: a {kind} is called {plain_name(one)!r}, with "
+                "control characters or too many letters; give it a name that can be read"
+            )
         if one in seen:
             raise QuadrigError(
                 f"{locate(name, text, f'$.{kind}[{index}]', 'name')}: two {kind}s are called {one!r}; "

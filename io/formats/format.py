@@ -84,13 +84,21 @@ class Format:
 def plain_names(names: Sequence[str]) -> list[str]:
     """The names in letters, digits and _, a letter first, of 60 at most (Blender keeps 63); distinct, also where
     capitals do not count."""
+    plain = [re.sub("[^A-Za-z0-9_]", "_", name.strip("/"))[:60] for name in names]
+    return _distinct([name if name[:1].isalpha() else f"cam_{name}" for name in plain])
+
+
+def opencv_names(names: Sequence[str]) -> list[str]:
+    """The names without the backslashes and single quotes that OpenCV writes as neither YAML nor JSON reads them."""
+    return _distinct([re.sub(r"[\\']", "_", name) for name in names])
+
+
+def _distinct(names: Sequence[str]) -> list[str]:
     taken: list[str] = []
     for name in names:
-        plain = re.sub("[^A-Za-z0-9_]", "_", name.strip("/"))[:60]
-        plain = plain if plain[:1].isalpha() else f"cam_{plain}"
-        unique, number = plain, 2
+        unique, number = name, 2
         while unique.casefold() in (each.casefold() for each in taken):
-            unique, number = f"{plain}_{number}", number + 1
+            unique, number = f"{name}_{number}", number + 1
         taken.append(unique)
     return taken
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from quadrig.io.formats.blender import blender_files
 from quadrig.io.formats.colmap import colmap_binary_files, colmap_files, is_colmap, read_colmap
-from quadrig.io.formats.format import Files, Format, Options, plain_names
+from quadrig.io.formats.format import Files, Format, Options, opencv_names, plain_names
 from quadrig.io.formats.kalibr import is_kalibr, kalibr_files, read_kalibr
 from quadrig.io.formats.maps import ffmpeg_map_files, ideal_lens, opencv_map_files
 from quadrig.io.formats.mrcal import is_mrcal, mrcal_files, read_mrcal
@@ -35,6 +35,7 @@ from quadrig.io.formats.toml_rigs import (
     read_toml,
 )
 from quadrig.io.formats.usd import is_usd, read_usd, usd_files
+from quadrig.io.plain_words import LONGEST_NAME, plain, plain_name
 from quadrig.rig.result import Rig
 from quadrig.single.errors import QuadrigError
 from quadrig.single.lens import Intrinsics
@@ -79,6 +80,11 @@ def export_files(rig: Rig, name: str, options: Options | None = None) -> Files:
     return export_rig(rig, name, options).files
 
 
+def _readable(name: str) -> str:
+    """A name as it is, but for control characters and thousands of letters."""
+    return name if plain(name) == name and len(name) <= LONGEST_NAME else plain_name(name)
+
+
 def _with_lenses(rig: Rig, form: Format, name: str) -> tuple[Rig, tuple[str, ...]]:
     """The rig with the cameras of which only the lens is known, where the format has a place for them; and who they
     are that it has none for."""
@@ -96,11 +102,11 @@ def _is_ideal(lens: Intrinsics) -> bool:
 def _renamed(rig: Rig, form: Format, name: str, base: str) -> tuple[Rig, tuple[str, ...]]:
     """The rig with names that the format can hold, and what was changed."""
     old = [camera.name for camera in rig.cameras]
-    new = form.names(old)
+    new = form.names([_readable(name) for name in old])
     still = [placed.name for placed in rig.rectangles]
     # The base's name and those of the cameras' frames are taken before a rectangle's.
     taken = [base, *new, *(f"{name}_{frame}" for name in new for frame in FRAMES)]
-    others = plain_names([*taken, *still])[len(taken) :] if form.names is plain_names else still
+    others = plain_names([*taken, *still])[len(taken) :] if form.names is plain_names else [*map(_readable, still)]
     cameras = [replace(camera, name=held) for camera, held in zip(rig.cameras, new, strict=True)]
     rectangles = [
         replace(placed, rectangle=replace(placed.rectangle, name=held))
@@ -125,13 +131,16 @@ _FORMATS: dict[str, Format] = {
         "cameras and rectangles, with the sigma of every parameter", "Views, verdict", json_files,
         (".json",), read_json, is_rig_json,
     ),
-    "opencv": Format("OpenCV's FileStorage, YAML", _DOUBT, opencv_files, (".yml", ".yaml"), read_opencv, is_opencv),
+    "opencv": Format("OpenCV's FileStorage, YAML", _DOUBT, opencv_files, (".yml", ".yaml"), read_opencv, is_opencv,
+        names=opencv_names,
+    ),
     "opencv-xml": Format(
-        "OpenCV's FileStorage, XML", _DOUBT, partial(opencv_files, suffix=".xml"), (".xml",), read_opencv
+        "OpenCV's FileStorage, XML", _DOUBT, partial(opencv_files, suffix=".xml"), (".xml",), read_opencv,
+        names=opencv_names,
     ),
     "opencv-json": Format(
         "OpenCV's FileStorage, JSON", _DOUBT, partial(opencv_files, suffix=".json"),
-        (".opencv.json", ".json"), read_opencv,
+        (".opencv.json", ".json"), read_opencv, names=opencv_names,
     ),
     "ros": Format(
         "ROS camera_info, a file for each camera", f"poses (urdf, tf), {_DOUBT}", ros_files,

@@ -145,7 +145,13 @@ def _placed(name: str, held: _Rectangle, where: str) -> PlacedRectangle | None:
         return None
     moving, many = held.framesets is not None, len(held.framesets or [()])
     rectangle = Rectangle(
-        name, held.width, held.height, recorded_marking(held.marking), moving, None, held.back, held.scale_sigma
+        name,
+        held.width,
+        held.height,
+        recorded_marking(held.marking),
+        moving=moving,
+        back=held.back,
+        scale_sigma=held.scale_sigma,
     )
     matrices = np.array(held.rig_from_rect, float).reshape(many, 4, 4)
     each = [pose_of(matrix, where) for matrix in matrices]

@@ -5,6 +5,7 @@ from functools import cached_property
 
 import numpy as np
 
+from quadrig.io.plain_words import plain_name
 from quadrig.io.recording.image_source import ImageSource
 from quadrig.single.arrays import Ints
 from quadrig.single.errors import QuadrigError
@@ -49,12 +50,13 @@ class RecordedCamera:
 def camera_name(topic: str) -> str:
     """A camera's name: its topic without the trailing image_raw, image, compressed, camera_info words.
 
-    /cam0/image_raw/compressed is cam0; where nothing else is left the camera is called camera.
+    /cam0/image_raw/compressed is cam0, in plain_name's letters; where nothing else is left the camera is called
+    camera.
     """
     words = [word for word in topic.split("/") if word]
     while words and words[-1] in _NAME_WORDS:
         words.pop()
-    return "/".join(words) or "camera"
+    return plain_name("/".join(words)) or "camera"
 
 
 def camera_of_source(name: str, topic: str, source: ImageSource) -> RecordedCamera:

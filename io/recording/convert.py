@@ -17,6 +17,7 @@ from quadrig.io.recording.messages.image_message import ROS2_DEFINITIONS
 from quadrig.io.topic_writer import TopicWriter
 from quadrig.io.whole_file import written_beside
 from quadrig.single.arrays import Picture
+from quadrig.single.errors import QuadrigError
 
 MessageFormat = Literal["foxglove", "ros2"]
 ImageFormat = Literal["jpeg", "png"]
@@ -25,6 +26,8 @@ ImageFormat = Literal["jpeg", "png"]
 _COPIED = {"jpg": "jpeg", "jpeg": "jpeg", "png": "png"}
 # PNG's first level is three times faster than its default and 5 % larger on photographs.
 _PNG_LEVEL = 1
+# builtin_interfaces/Time counts seconds in 32 bits.
+_ROS_ENDS = 2**31
 
 
 @dataclass(frozen=True)
@@ -58,13 +61,15 @@ def record(
         total = sum(camera.frames for camera in cameras)
         with progress_bar("record", total, "images", quiet=not progress) as advance:
             streams = [_encoded(k, camera, images, quality) for k, camera in enumerate(cameras)]
+            # An MCAP has no time before zero, as a video or a table may.
+            later = max(0, *(-int(camera.stamps.min(initial=0)) for camera in cameras))
             for stamp, k, _, form, data in heapq.merge(*streams, key=lambda entry: entry[:3]):
                 advance(1)
                 if not data:
                     unreadable += 1
                     continue
                 name = cameras[k].name
-                write(name, stamp, form, data)
+                write(name, stamp + later, form, data)
                 counts[name] += 1
                 encoded[name] = form
                 size += len(data)
@@ -113,6 +118,8 @@ def image_writer(stream: BinaryIO, messages: MessageFormat) -> tuple[Write, Call
 
         def write_ros2(camera: str, stamp: int, form: str, data: bytes) -> None:
             seconds, nanoseconds = divmod(stamp, 10**9)
+            if seconds >= _ROS_ENDS:
+                raise QuadrigError(f"ROS 2 has no time of {seconds} s, which is after 2038; give --format foxglove")
             header = {"stamp": {"sec": seconds, "nanosec": nanoseconds}, "frame_id": camera}
             message = {"header": header, "format": form, "data": data}
             ros2.write_message(_topic(camera), schema, message, stamp, stamp)

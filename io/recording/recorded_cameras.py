@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from quadrig.io.plain_words import plain_name
 from quadrig.io.recording.camera import RecordedCamera, camera_name, camera_of_source
 from quadrig.io.recording.image_folder import (
     IMAGE_SUFFIXES,
@@ -125,11 +126,11 @@ def _expand(path: Path) -> list[Path]:
 
 def _camera_of_files(path: Path, notes: list[str]) -> RecordedCamera:
     if path.is_dir():
-        source, name = read_image_folder(path, notes), path.name
+        source, name = read_image_folder(path, notes), plain_name(path.name)
     elif path.suffix.lower() in IMAGE_SUFFIXES:
-        source, name = one_image(path), path.stem
+        source, name = one_image(path), plain_name(path.stem)
     else:
-        source, name = read_video(path), path.stem
+        source, name = read_video(path), plain_name(path.stem)
     return camera_of_source(name, str(path), source)
 
 

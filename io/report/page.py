@@ -5,6 +5,7 @@ from html import escape
 
 from quadrig.io.drawing.palette import hexadecimal, rig_colours
 from quadrig.io.drawing.tables import html_table
+from quadrig.io.plain_words import plain
 from quadrig.io.report import plots
 from quadrig.io.report.camera_section import camera_section
 from quadrig.io.report.figures import figures
@@ -37,12 +38,14 @@ def report_html(held: RigFile, name: str = "") -> str:
     parts += [_lens_only(rig), *(camera_section(own, camera) for own, camera in rig.lens_only)]
     if held.config_text:
         parts.append(f"<h2>The rig.toml</h2><pre>{escape(held.config_text.strip())}</pre>")
-    return (
+    page = (
         '<!doctype html><html lang="en"><head><meta charset="utf-8">'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
         f"<title>{escape(_title(rig, name))}</title><style>{STYLE}</style></head>"
         f"<body>{''.join(parts)}</body></html>\n"
     )
+    # What is in names is shown, and neither turns the page's writing nor breaks its encoding.
+    return plain(page)
 
 
 def _title(rig: Rig, name: str) -> str:
