@@ -20,10 +20,12 @@ from quadrig.single.errors import QuadrigError
 _MOST_BYTES = 100_000
 # s after which a connection that says nothing is closed.
 _SILENT = 60
+_POLICY = (
+    "default-src 'self'; img-src 'self' blob: data:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'; "
+    "object-src 'none'"
+)
 _HEADERS = {
     "Cache-Control": "no-store",
-    "Content-Security-Policy": "default-src 'self'; img-src 'self' blob: data:; base-uri 'none'; form-action 'none'; "
-    "frame-ancestors 'none'; object-src 'none'",
     "Cross-Origin-Resource-Policy": "same-origin",
     "Referrer-Policy": "no-referrer",
     "X-Content-Type-Options": "nosniff",
@@ -59,13 +61,14 @@ class LocalPage:
     """A server on 127.0.0.1 that gives a page and answers it. `url` is where; it ends with `close`.
 
     answer: called in threads; None where there is no such thing; an error becomes {"problem": its sentence} with
-    status 400. port: 0 takes a free one. Raises QuadrigError where the port is taken.
+    status 400. port: 0 takes a free one. policy: what the page may load, and from where.
+    Raises QuadrigError where the port is taken.
     """
 
-    def __init__(self, answer: Answer, port: int = 0) -> None:
+    def __init__(self, answer: Answer, port: int = 0, policy: str = _POLICY) -> None:
         self.token = secrets.token_urlsafe(24)
         try:
-            self._server = _Server(("127.0.0.1", port), _handler(answer, self.token))
+            self._server = _Server(("127.0.0.1", port), _handler(answer, self.token, policy))
         except OSError as error:
             raise QuadrigError(f"port {port} of 127.0.0.1 cannot be had ({error.strerror}); give another") from error
         self.url = f"http://127.0.0.1:{self._server.server_address[1]}/{self.token}/"
@@ -94,7 +97,7 @@ class _Server(ThreadingHTTPServer):
             super().handle_error(request, client_address)  # pyright: ignore[reportArgumentType]
 
 
-def _handler(answer: Answer, token: str) -> type[BaseHTTPRequestHandler]:
+def _handler(answer: Answer, token: str, policy: str) -> type[BaseHTTPRequestHandler]:
     class Handler(BaseHTTPRequestHandler):
         timeout = _SILENT
         protocol_version = "HTTP/1.1"
@@ -152,7 +155,12 @@ def _handler(answer: Answer, token: str) -> type[BaseHTTPRequestHandler]:
         def _send(self, status: HTTPStatus, reply: Reply | None = None) -> None:
             reply = reply or Reply(status.phrase.encode(), "text/plain; charset=utf-8")
             self.send_response(status)
-            headers = {**_HEADERS, "Content-Type": reply.kind, "Content-Length": str(len(reply.body))}
+            headers = {
+                **_HEADERS,
+                "Content-Security-Policy": policy,
+                "Content-Type": reply.kind,
+                "Content-Length": str(len(reply.body)),
+            }
             for name, value in headers.items():
                 self.send_header(name, value)
             if self.close_connection:

@@ -130,11 +130,12 @@ def _screens(plan: SetupPlan, web: bool, no_viewer: bool, save: Path | None):
     if save is not None or not no_viewer:
         from quadrig.io.viewer.process import Viewer
         from quadrig.io.viewer.setup.screen import RerunScreen
+        from quadrig.io.viewer.web_page import PageViewer
 
         try:
             if save is None:
-                viewer = Viewer(web)
-                if viewer.page:
+                viewer = PageViewer() if web else Viewer()
+                if isinstance(viewer, PageViewer):
                     say(f"look at {viewer.page}")
             screens.append(RerunScreen(tuple(plan.sources), plan.config.rectangles, viewer, save))
         except QuadrigError as error:

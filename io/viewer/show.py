@@ -1,15 +1,12 @@
 """Ways to show something in rerun, the same for every command: a file, a picture, a page for a browser, a window."""
 
-import contextlib
 import copy
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from quadrig.io.verbosity import say
-from quadrig.io.viewer.process import ends_with_us
 from quadrig.single.errors import QuadrigError
 
 if TYPE_CHECKING:
@@ -39,7 +36,9 @@ def show(shown: Shown, save: Path | None, web: bool, screenshot: Path | None) ->
         take_screenshot(lambda address: _send(shown, address, one_look=True), screenshot)
         say(f"written: {screenshot}")
     if web:
-        _serve(shown)
+        from quadrig.io.viewer.web_page import serve
+
+        serve(lambda rrd: save_rrd(shown, rrd))
 
 
 def open_window(shown: Shown) -> None:
@@ -57,16 +56,6 @@ def save_rrd(shown: Shown, path: Path) -> None:
 
     with rrd_written(path, "quadrig", shown.blueprint) as stream:
         _log(shown, stream)
-
-
-def _serve(shown: Shown) -> None:
-    from quadrig.io.viewer.process import Viewer
-
-    with contextlib.suppress(KeyboardInterrupt), ends_with_us(Viewer(web=True)) as viewer:
-        _send(shown, viewer.address)
-        print(f"{viewer.page}\nCtrl-C ends it", flush=True)
-        while True:
-            time.sleep(3600)
 
 
 def _send(shown: Shown, address: str, one_look: bool = False) -> None:

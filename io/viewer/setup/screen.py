@@ -10,6 +10,7 @@ from pathlib import Path
 
 from quadrig.io.live.state import SetupState
 from quadrig.io.viewer.process import Viewer
+from quadrig.io.viewer.web_page import PageViewer
 from quadrig.single.errors import QuadrigError
 from quadrig.single.rectangle import Rectangle
 
@@ -28,7 +29,7 @@ class RerunScreen:
         self,
         cameras: Sequence[str],
         rectangles: Sequence[Rectangle],
-        viewer: Viewer | None = None,
+        viewer: Viewer | PageViewer | None = None,
         file: Path | None = None,
     ) -> None:
         import rerun as rr
