@@ -12,6 +12,7 @@ from typing import Any
 
 import cv2
 import lz4.frame
+import msgspec
 import numpy as np
 import pytest
 import zstandard
@@ -253,3 +254,40 @@ def test_a_damaged_message_of_a_video_costs_no_more_than_its_picture(tmp_path, b
     images = list(camera.source.images())
     assert len(images) == 8
     assert sum(image is None for image in images) <= 2
+
+
+def test_an_absurd_picture_among_good_ones_is_counted_and_left_out(tmp_path, pictures, capsys):
+    folder = tmp_path / "cam0"
+    folder.mkdir()
+    with (tmp_path / "a.mcap").open("wb") as stream:
+        writer = TopicWriter(stream)
+        writer.declare_json("/cam1/image", "foxglove.CompressedImage")
+        for k in range(5):
+            data = png(200_000, 200_000) if k == 2 else cv2.imencode(".png", pictures.picture(k))[1].tobytes()
+            (folder / f"{k}.png").write_bytes(data)
+            stamp = {"sec": k + 1, "nsec": 0}
+            message = msgspec.json.encode({"timestamp": stamp, "format": "png", "data": data})
+            writer.write_json("/cam1/image", message, (k + 1) * 10**9)
+        writer.finish()
+    assert run(["info", str(folder)]) == 0
+    assert "1 picture of another size is left out (2.png is 200000x200000, not 96x64)" in capsys.readouterr().out
+    (camera,) = open_recording([tmp_path / "a.mcap"]).cameras
+    shown = [None if image is None else pictures.number(image) for image in camera.source.images()]
+    assert shown == [0, 1, None, 3, 4]
+
+
+def test_a_video_is_refused_by_the_size_that_it_claims(tmp_path):
+    av = pytest.importorskip("av")
+    path = tmp_path / "a.avi"
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("mjpeg", rate=10)
+        stream.width, stream.height, stream.pix_fmt = 64, 48, "yuvj420p"
+        container.mux(stream.encode(av.VideoFrame.from_ndarray(np.zeros((48, 64, 3), np.uint8), "bgr24")))
+        container.mux(stream.encode(None))
+    data = bytearray(path.read_bytes())
+    # FFmpeg believes the picture's own header.
+    place = data.index(b"\xff\xc0") + 5
+    data[place : place + 4] = struct.pack(">HH", 20_000, 20_000)
+    path.write_bytes(data)
+    with pytest.raises(QuadrigError, match=r"is beyond the limit|none of its first images can be read"):
+        open_recording([path])
