@@ -35,7 +35,9 @@ if TYPE_CHECKING:
     from quadrig.single.rectangle import TagFamily as TagFamily
     from quadrig.single.rectangle import Tags as Tags
     from quadrig.single.rectangle import rectangle_corners as rectangle_corners
+    from quadrig.single.render.capture import SRGB as SRGB
     from quadrig.single.render.capture import Capture as Capture
+    from quadrig.single.render.capture import ToneCurve as ToneCurve
     from quadrig.single.render.picture import Sheet as Sheet
     from quadrig.single.render.picture import ray_grid as ray_grid
     from quadrig.single.render.picture import render_image as render_image
@@ -80,7 +82,9 @@ _MODULE_OF = {
     "TagFamily": "rectangle",
     "Tags": "rectangle",
     "rectangle_corners": "rectangle",
+    "SRGB": "render.capture",
     "Capture": "render.capture",
+    "ToneCurve": "render.capture",
     "Sheet": "render.picture",
     "ray_grid": "render.picture",
     "render_image": "render.picture",

@@ -19,6 +19,12 @@ def assert_within_sigmas(line: str) -> None:
     assert abs(found - truth) < 4 * sigma + 0.1, line
 
 
+def assert_off_within_sigmas(line: str) -> None:
+    off, sigma = map(float, re.findall(r"off by ([\d.]+) mm, sigma ([\d.]+) mm", line)[0])
+    # Three numbers each, and the sigma of their length: beyond 2.5 of these one in a thousand.
+    assert 0 < off < 2.5 * sigma, line
+
+
 def test_one_picture() -> None:
     lines = run("02_one_picture.py").splitlines()
     assert lines
@@ -45,6 +51,14 @@ def test_from_memory() -> None:
     assert [line.split(":")[0] for line in lines] == ["arrays", "own detector", "driver"]
     for line in lines:
         assert_within_sigmas(line)
+
+
+def test_box_of_tags() -> None:
+    seen, *lines = run("09_box_of_tags.py").splitlines()
+    assert "Views" in seen
+    assert [line.split(":")[0] for line in lines] == ["cam1", "cam2", "face1", "face2", "face3", "face4", "face5"]
+    for line in lines:
+        assert_off_within_sigmas(line)
 
 
 def test_has_it_moved(shared_data: Path) -> None:
