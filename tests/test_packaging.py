@@ -4,6 +4,7 @@ import ast
 import re
 import sys
 import tomllib
+from functools import cache
 from importlib.metadata import PackageNotFoundError, distribution, packages_distributions
 from pathlib import Path
 
@@ -36,11 +37,15 @@ def imported(tree: ast.AST) -> set[str]:
     return found
 
 
+# Reading what is installed takes a third of a second.
+_brought = cache(packages_distributions)
+
+
 def distributions(module: str) -> set[str]:
     """Who brings a module. Those of google.* share their first name: the module itself says which one it is."""
     if module.startswith("google."):
         return {module.split(".")[1]}
-    return {name_of(name) for name in packages_distributions().get(module.split(".")[0], [])}
+    return {name_of(name) for name in _brought().get(module.split(".")[0], [])}
 
 
 def test_what_is_imported_is_required_and_what_is_required_is_imported() -> None:
@@ -97,6 +102,22 @@ def test_all_that_is_installed_has_a_permissive_licence() -> None:
     licences = {name: licence_of(name) for name in needed([*PROJECT["dependencies"], *optional])}
     assert len(licences) > len(PROJECT["dependencies"])
     assert {k: v for k, v in licences.items() if not re.search(_PERMISSIVE, v) or re.search(_BINDING, v)} == {}
+
+
+def versions(name: str) -> dict[str, str]:
+    """The versions of a list of packaging/tested/."""
+    lines = (ROOT / "packaging" / "tested" / f"{name}.txt").read_text().splitlines()
+    return {name_of(line): line.partition("==")[2] for line in lines if line and not line.startswith("#")}
+
+
+def test_the_lowest_versions_that_are_allowed_are_those_that_were_tested() -> None:
+    lowest, newest = versions("lowest"), versions("newest")
+    optional = [one for extra in ("usd", "bags", "dask") for one in PROJECT["optional-dependencies"][extra]]
+    for requirement in map(Requirement, [*PROJECT["dependencies"], *optional]):
+        name = name_of(requirement.name)
+        bound = next(one.version for one in requirement.specifier if one.operator == ">=")
+        assert f"{lowest[name]}.0.0".startswith(f"{bound}."), name
+        assert requirement.specifier.contains(newest[name]), name
 
 
 def test_every_file_that_says_the_version_says_the_same() -> None:

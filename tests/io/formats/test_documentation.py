@@ -3,6 +3,7 @@
 import json
 import re
 from pathlib import Path
+from typing import Any
 
 from quadrig.io.formats.registry import FORMATS
 from quadrig.io.formats.rig_json import json_schema
@@ -16,5 +17,12 @@ def test_every_format_has_a_row_and_says_whether_it_is_read():
     assert stated == {name: form.read is not None for name, form in FORMATS.items()}
 
 
+def in_order(schema: Any) -> Any:
+    """The same with the alternatives of each anyOf in one order: msgspec's versions have their own."""
+    if isinstance(schema, dict):
+        return {key: in_order(sorted(value, key=str) if key == "anyOf" else value) for key, value in schema.items()}
+    return [in_order(one) for one in schema] if isinstance(schema, list) else schema
+
+
 def test_the_published_schema_is_the_one_in_use():
-    assert json.loads((DOCS / "rig.schema.json").read_text()) == json_schema()
+    assert in_order(json.loads((DOCS / "rig.schema.json").read_text())) == in_order(json_schema())
