@@ -93,11 +93,6 @@ def _sigma_decimals(sigma: float) -> int:
     return int(np.clip(1 - np.floor(np.log10(float(f"{sigma:.1e}"))), 0, 6)) if sigma > 0 else 0
 
 
-def one_line(name: str) -> str:
-    """A name as it can stand in a table: without line breaks and other letters that steer a terminal."""
-    return "".join(letter if letter.isprintable() else repr(letter)[1:-1] for letter in name)
-
-
 def counted(number: int, word: str) -> str:
     """ "1 View", "2 Views"."""
     return f"{number} {word}" if number == 1 else f"{number} {word}s"

@@ -14,12 +14,11 @@ from quadrig.io.live.display import Screen
 from quadrig.io.live.plan import SetupPlan, SetupResult, check_plan
 from quadrig.io.live.session import run_setup
 from quadrig.io.live.terminal import enter_pressed
+from quadrig.io.plain_words import console
 from quadrig.io.rig_file.rig_mcap import refuse_no_rig, write_rig
 from quadrig.io.verbosity import note, say
 from quadrig.io.whole_file import place_held
-from quadrig.rig.coach.advice import good_for
-from quadrig.rig.doubt.weaknesses import clocks_apart
-from quadrig.rig.words import length, read_length
+from quadrig.rig.words import read_length
 from quadrig.single.errors import QuadrigError
 
 # m; as millimetres, so little would be less than a sheet of paper bends.
@@ -73,7 +72,10 @@ def setup(
             raise QuadrigError(f"{result.trouble}{kept}")
         write_rig(output, result.rig, rig_config.text, recordings=[recording])
         _write_report(output)
-    print(_as_json(result, output, plan) if as_json else _as_text(result, output, plan))
+    if as_json:
+        print(_as_json(result, output, plan))
+    else:
+        _print(result, output, plan)
 
 
 def _write_report(output: Path) -> None:
@@ -146,23 +148,24 @@ def _screens(plan: SetupPlan, web: bool, no_viewer: bool, save: Path | None):
     return screens, viewer
 
 
-def _as_text(result: SetupResult, output: Path, plan: SetupPlan) -> str:
-    rig = result.rig
+def _print(result: SetupResult, output: Path, plan: SetupPlan) -> None:
+    from quadrig.io.report.table import print_rig
+    from quadrig.io.report.terminal import print_sentence
+
+    rig, where = result.rig, console()
     assert rig is not None
-    lines = [f"{good_for(rig)}: {result.kept} framesets kept of {result.framesets}, {result.ending}"]
-    for camera in rig.cameras:
-        sigma = rig.position_sigma(camera.name)
-        position = f"position ± {length(sigma)}" if sigma > 0 else "the reference"
-        lines.append(
-            f"{camera.name}: focal {camera.intrinsics.focal:.1f} ± {rig.focal_sigma(camera.name):.1f} px, "
-            f"{position}, {camera.views} Views, rms {camera.rms:.2f} px"
-        )
-    lines += [*clocks_apart(rig), *_missing(result, plan).values()]
+    print_rig(rig, where)
+    missing = _missing(result, plan)
+    # What is missing of the rig itself stands among what is weak.
+    sentences = [sentence for name, sentence in missing.items() if name not in rig.missing]
     if result.fault is not None:
-        lines.append(result.fault.sentence)
+        sentences.append(result.fault.sentence)
     if result.dropped:
-        lines.append(f"{result.dropped} frames were not recorded: the disk could not keep up")
-    return "\n".join([*lines, f"{output}", f"{output.with_suffix('.html')}", f"{plan.recording}"])
+        sentences.append(f"{result.dropped} frames were not recorded: the disk could not keep up")
+    sentences.append(f"{result.kept} framesets kept of {result.framesets}, {result.ending}")
+    where.print()
+    for sentence in (*sentences, f"written: {output}, {output.with_suffix('.html')}, {plan.recording}"):
+        print_sentence(sentence, where)
 
 
 def _missing(result: SetupResult, plan: SetupPlan) -> dict[str, str]:

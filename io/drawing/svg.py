@@ -9,7 +9,7 @@ from html import escape
 
 import numpy as np
 
-from quadrig.rig.words import one_line
+from quadrig.io.plain_words import one_line
 from quadrig.single.arrays import Floats
 
 _RIGHT, _TOP, _BOTTOM = 12, 8, 34

@@ -4,7 +4,8 @@ import unicodedata
 from collections.abc import Sequence
 from html import escape
 
-from quadrig.rig.words import Column, one_line
+from quadrig.io.plain_words import one_line
+from quadrig.rig.words import Column
 
 _GAP = "  "
 # A first column wider than this share of the width leaves too little for the others: it has lines of its own.
@@ -31,7 +32,7 @@ def markdown_table(columns: Sequence[Column]) -> list[str]:
     """Lines of a Markdown table."""
     heads = [_escaped(column.heading) for column in columns]
     rules = ["---" if column.words else "--:" for column in columns]
-    rows = zip(*([_escaped(one_line(cell)) for cell in column.cells] for column in columns), strict=True)
+    rows = zip(*([_escaped(_cell(cell)) for cell in column.cells] for column in columns), strict=True)
     return [f"| {' | '.join(row)} |" for row in (heads, rules, *rows)]
 
 
@@ -42,8 +43,7 @@ def html_table(columns: Sequence[Column], marks: Sequence[str] = ()) -> str:
     rows = []
     for index in range(len(columns[0].cells)):
         cells = [
-            f'<td{_class(c)} data-label="{escape(c.heading)}">{escape(one_line(c.cells[index]))}</td>'
-            for c in columns
+            f'<td{_class(c)} data-label="{escape(c.heading)}">{escape(_cell(c.cells[index]))}</td>' for c in columns
         ]
         if marks:
             cells[0] = cells[0].replace(">", f">{marks[index]} ", 1)
@@ -57,13 +57,17 @@ def _class(column: Column) -> str:
     return ' class="words"' if column.words else ""
 
 
+def _cell(words: str) -> str:
+    return one_line(words).replace("\t", " ")
+
+
 def _escaped(cell: str) -> str:
     return cell.replace("|", "\\|")
 
 
 def _lines(column: Column) -> list[str]:
     """Name and unit above each other, then the cells, as wide as the widest."""
-    words = [column.name, column.unit, *map(one_line, column.cells)]
+    words = [column.name, column.unit, *map(_cell, column.cells)]
     width = max(map(_wide, words))
     spaces = [" " * (width - _wide(word)) for word in words]
     return [w + space if column.words else space + w for w, space in zip(words, spaces, strict=True)]
