@@ -9,9 +9,9 @@ from quadrig.io.search.plain_sights import sight_words
 from quadrig.rig.coach.capture_faults import unreadable_fault, wrong_board_fault
 from quadrig.rig.coach.fault import Fault
 from quadrig.single.arrays import Picture
+from quadrig.single.detect.image_search import families
 from quadrig.single.detect.plain_sight import PlainSight, redescribed
 from quadrig.single.detect.tag import find_tags
-from quadrig.single.detect.tag_families import families
 from quadrig.single.rectangle import Rectangle
 
 # One camera is looked at this often (s): without wanted ids its picture costs as much as a frameset.

@@ -17,11 +17,12 @@ from quadrig.single.arrays import Picture
 from quadrig.single.detect.image_search import (
     check_rectangles,
     detect_views,
+    families,
     find_mirrored,
     find_views,
     follow_views,
+    search_tags,
 )
-from quadrig.single.detect.tag_families import families, search_tags
 from quadrig.single.rectangle import FoundTags, Rectangle, TagFamily
 from quadrig.single.view import View
 

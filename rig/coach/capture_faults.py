@@ -8,7 +8,7 @@ import numpy as np
 from quadrig.rig.coach.edge_width import EdgeWidths, edge_widths
 from quadrig.rig.coach.fault import Fault
 from quadrig.single.arrays import Floats, Picture
-from quadrig.single.detect.tag_families import known_tags
+from quadrig.single.detect.image_search import known_tags
 from quadrig.single.rectangle import Rectangle
 from quadrig.single.view import View
 

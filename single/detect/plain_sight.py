@@ -9,11 +9,10 @@ import numpy as np
 from quadrig.single.arrays import Picture
 from quadrig.single.detect.chessboard import find_chessboard
 from quadrig.single.detect.dictionaries import dictionary_names, dictionary_size, tag_dictionary
-from quadrig.single.detect.image_search import detect_views, find_mirrored
+from quadrig.single.detect.image_search import detect_views, families, find_mirrored
 from quadrig.single.detect.pictures import reduced
 from quadrig.single.detect.saddle_grid import largest_grid
 from quadrig.single.detect.tag import find_tags, refine_tags
-from quadrig.single.detect.tag_families import families
 from quadrig.single.rectangle import Marking, Rectangle, TagFamily
 
 # Longer side (px) of the pictures that are searched for tags of any dictionary: that of a sheet in plain sight is

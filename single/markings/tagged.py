@@ -5,9 +5,9 @@ from abc import abstractmethod
 import numpy as np
 
 from quadrig.single.arrays import Picture
+from quadrig.single.detect.image_search import search_tags
 from quadrig.single.detect.pictures import window_around
 from quadrig.single.detect.tag import EQ4_FROM_OPENCV
-from quadrig.single.detect.tag_families import search_tags
 from quadrig.single.detect.tagged_board import TaggedBoard, find_board, seen_tags
 from quadrig.single.markings.tag import ROUGH_SIGMA
 from quadrig.single.rectangle import FoundTags, Marking, Rectangle
