@@ -37,7 +37,7 @@ MOST_BYTES = 1 << 30
 # s of one processor; and by the clock, after which a process is taken for one that hangs.
 SLOW, HANGS = 20, 120
 # Longer is no sentence that a person reads.
-LONGEST_SENTENCE = 1500
+LONGEST_SENTENCE = 2500
 
 _CODES = {0, 1, 2, 3}
 _UNSAFE = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u200e\u200f\u202a-\u202e\u2066-\u2069]")

@@ -18,6 +18,8 @@ _BREAK = re.compile(r"\s*[\n\r\v\f\x1c-\x1e\x85\u2028\u2029]\s*")
 # Four times the longest name of a file: no name that a person reads.
 _LONG_WORD = re.compile(r"\S{1000,}")
 _SHOWN = 100
+# The names of two hundred cameras; and what is to be done stands at the end.
+_LONGEST_SENTENCE = 2000
 LONGEST_NAME = 200
 """Letters of a name that a file can be called by, with room for an ending."""
 
@@ -39,7 +41,11 @@ def plain_name(name: str) -> str:
 def one_line(sentence: str) -> str:
     """A sentence in one line that a person can read, whatever names are in it."""
     line = _BREAK.sub(" ", sentence)
-    return plain(_LONG_WORD.sub(lambda word: f"{word[0][:_SHOWN]}... ({len(word[0])} letters)", line))
+    line = _LONG_WORD.sub(lambda word: f"{word[0][:_SHOWN]}... ({len(word[0])} letters)", line)
+    if len(line) > _LONGEST_SENTENCE:
+        half = _LONGEST_SENTENCE // 2
+        line = f"{line[:half]} ... {line[-half:]}"
+    return plain(line)
 
 
 @contextmanager

@@ -93,6 +93,8 @@ def _read_table(table: Path) -> tuple[dict[str, list[tuple[int, int]]], bool]:
         for count, row in enumerate(reader):
             camera = row[columns.camera].strip() if columns.camera else ""
             frame = int(row[columns.frame]) if columns.frame else count
+            if abs(frame) >= 2**63:
+                raise ValueError(f"{frame} is no number of an image")
             rows.setdefault(camera, []).append((frame, _nanoseconds(row[columns.time], columns)))
     except (ValueError, TypeError, AttributeError, csv.Error) as error:
         raise QuadrigError(f"{table}: a row is not numbers ({error}); give whole rows") from error

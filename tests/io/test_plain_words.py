@@ -30,6 +30,8 @@ def test_plain_text_has_nothing_that_a_terminal_obeys_and_is_the_same_string_in_
 def test_a_name_of_ten_thousand_letters_is_cut_and_paths_are_not():
     path = "/" + "/".join(["folder" * 20] * 5)
     assert one_line(f"{path}: no") == f"{path}: no"
+    assert one_line("words " * 10_000 + "; mend it").endswith("words ; mend it")
+    assert len(one_line("words " * 10_000)) < 2100
     assert one_line("x" * 10_000 + ": no") == "x" * 100 + "... (10001 letters) no"
 
 

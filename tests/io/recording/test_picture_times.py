@@ -241,6 +241,7 @@ def test_tables_by_their_header(tmp_path, pictures, name):
         ("camera,time\ncam0,1\ncam1,soon\n", "'soon' is no time"),
         ("camera,time\ncam0,1\ncam1\n", "not numbers"),
         ("camera,time\ncam0,1e400\ncam1,1\n", "is no time"),
+        ("camera,frame,time\ncam0,99999999999999999999,1\ncam1,0,1\n", "is no number of an image"),
         ("camera,time\nleft,1\nright,1\n", "no rows for camera 'cam0'; it has left, right"),
     ],
 )
