@@ -227,7 +227,7 @@ def _rectangle(table: _Rectangle, index: int, bodies: Mapping[str, bool], text: 
     pose = given and _given_pose(
         table.name, "world_from_rect" if table.body_from_rect is None else "body_from_rect", given, where
     )
-    sigma = (0.0, 0.0) if given is None else (float(np.radians(given.sigma_deg)), given.sigma)
+    sigma = (0.0, 0.0) if given is None else (float(np.radians(given.sigma_deg)), float(given.sigma))
     moving = table.moving or bodies.get(body, False)
     try:
         return Rectangle(table.name, width, height, marking, moving, table.back, table.scale_sigma, body, pose, sigma)

@@ -261,3 +261,13 @@ def test_bodies_that_cannot_be_are_named(old, new, sentence) -> None:
         return
     with pytest.raises(QuadrigError, match=sentence):
         parse_config(BOX.replace(old, new))
+
+
+def test_a_rectangle_holds_plain_numbers() -> None:
+    """What reads lengths with units stays in this file: results are written by who knows floats alone."""
+    (rectangle,) = parse_config(
+        '[[rectangle]]\nname = "court"\nsize = "A4"\nmarking = { kind = "points" }\n'
+        'world_from_rect = { translation = [0, "5cm", 0], angles_deg = [0, 0, 0], sigma = "1mm" }\n'
+    ).rectangles
+    assert {type(value) for value in (rectangle.width, rectangle.height, *rectangle.layout_sigma)} == {float}
+    assert rectangle.layout_sigma[1] == 0.001
