@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Callable
+from copy import deepcopy
 from io import BytesIO
 from random import Random
 from typing import Any
@@ -84,7 +85,8 @@ def mutated_json(data: bytes, draw: Random) -> bytes:
         holder, key = draw.choice(places)
         match draw.randrange(5):
             case 0 | 1 | 2:
-                holder[key] = draw.choice(_NASTY_VALUES)
+                # A list that is put in twice must not be one.
+                holder[key] = deepcopy(draw.choice(_NASTY_VALUES))
             case 3 if holder is not root:
                 del holder[key]
             case _:

@@ -291,3 +291,12 @@ def test_a_video_is_refused_by_the_size_that_it_claims(tmp_path):
     path.write_bytes(data)
     with pytest.raises(QuadrigError, match=r"is beyond the limit|none of its first images can be read"):
         open_recording([path])
+
+
+def test_what_is_mutated_is_the_same_for_the_same_seed(load_script):
+    """Or a case that found something could not be made again."""
+    mutations = load_script("benchmarks/mutations.py")
+    data = msgspec.json.encode({"a": [1, [2.5, "x"], {"b": None}], "c": {"d": [[0.0] * 3] * 3}})
+    for mutate in (mutations.mutated_bytes, mutations.mutated_text, mutations.mutated_json):
+        once = [mutate(data, random.Random(seed)) for seed in range(300)]
+        assert once == [mutate(data, random.Random(seed)) for seed in range(300)]
