@@ -80,6 +80,7 @@ class VideoFile:
     def _frames(self) -> Iterator[tuple[int, Any]]:
         """Frames with their times, from the key frame before the first time on, as far as the file can be read."""
         import av
+        from av.error import FFmpegError
 
         try:
             with av.open(str(self.path)) as container:
@@ -90,7 +91,7 @@ class VideoFile:
                     container.seek(int(self.times[0]), stream=stream, backward=True)
                 for count, frame in enumerate(container.decode(stream)):
                     yield (count if self.counted else frame.pts), frame
-        except (av.FFmpegError, ValueError):
+        except (FFmpegError, ValueError):
             return
 
 
@@ -157,10 +158,11 @@ class McapVideo:
 
     def _frames(self) -> Iterator[Any]:
         import av
+        from av.error import FFmpegError
 
         if self.encoding not in _CODECS:
             raise ValueError(f"a video of {self.encoding!r} is none of {', '.join(_CODECS)}")
-        decoder = av.CodecContext.create(_CODECS[self.encoding], "r")
+        decoder: Any = av.CodecContext.create(_CODECS[self.encoding], "r")
         decoder.thread_count = 1
         decoder.options = {"max_pixels": str(most_pixels())}
         with self.messages.opened() as opened:
@@ -170,15 +172,16 @@ class McapVideo:
                     packet.pts = packet.dts = index
                     # An empty one would be the end of the video.
                     yield from decoder.decode(packet) if packet.size else ()
-                except (av.FFmpegError, ValueError):
+                except (FFmpegError, ValueError):
                     continue
-        with suppress(av.FFmpegError):
+        with suppress(FFmpegError):
             yield from decoder.decode(None)
 
 
 def read_video(path: Path) -> VideoFile:
     """The frames of a video file, found without decoding them. Raises QuadrigError where it is no video."""
     import av
+    from av.error import FFmpegError
 
     try:
         with av.open(str(path)) as container:
@@ -190,7 +193,7 @@ def read_video(path: Path) -> VideoFile:
             packets = [(p.pts, p.dts, p.is_keyframe) for p in container.demux(stream) if p.size]
             name, base = stream.codec_context.name, stream.time_base
             rate = stream.average_rate
-    except (av.FFmpegError, OSError, ValueError) as error:
+    except (FFmpegError, OSError, ValueError) as error:
         # ValueError: words in it that are no UTF-8.
         raise QuadrigError(f"{path}: cannot be read as a video ({error}); is it whole?") from error
     if not packets:
