@@ -1,9 +1,9 @@
 """Worlds of bodies, simulated: rectangles fixed to each other, of which nobody knows where they are.
 
 carried: four cameras that look outward, carried through a room with twelve A4 sheets on its walls for a minute.
-turntable: a box of tags turns before two cameras that look at it. vehicle: the carried rig on a plane floor, which
-turns about one axis alone: where the cameras stand along it cannot be known. back to back: two cameras that each see
-their own board of a room alone. Noise 0.2 px, lenses not known, sheets as printers make them.
+turntable: a box of tags turns before two cameras that look at it. back to back: two cameras that each see their own
+board of a room alone. vehicle: the same on a plane floor, where it turns about one axis alone: where the cameras
+stand along it cannot be known. Noise 0.2 px, lenses not known, sheets as printers make them.
 """
 
 from collections.abc import Callable
@@ -25,7 +25,7 @@ _NOISE, _RATE = 0.2, 10.0
 _A4, _BOARD = (0.297, 0.21), (9, 7, 0.06)
 
 
-def path(rng: np.random.Generator, framesets: int, reach: Floats, turn: Floats) -> list[Pose]:
+def path(rng: np.random.Generator, framesets: int, reach: Floats, turn: Floats, around: bool = False) -> list[Pose]:
     """world_from_rig (F,) of a smooth walk about the world's origin: reach (3,) m along and turn (3,) rad about each
     axis, y being down, with the slow sway of somebody who walks."""
     seconds = np.arange(framesets) / _RATE
@@ -35,7 +35,7 @@ def path(rng: np.random.Generator, framesets: int, reach: Floats, turn: Floats) 
         sums = (waves[2][..., None] * np.sin(2 * np.pi * waves[0][..., None] * seconds + waves[1][..., None])).sum(1)
         return (size[:, None] * sums / np.abs(sums).max(axis=1, keepdims=True)).T
 
-    heading = np.linspace(0, 2 * np.pi * framesets / 200, framesets) * (turn[1] > 0)
+    heading = np.linspace(0, 2 * np.pi * framesets / 200, framesets) * around
     tilt = wander(turn)
     places = wander(reach)
     return [
@@ -110,21 +110,22 @@ def _seen(
 
 def carried(rng: np.random.Generator, lens: Lens, framesets: int = 600) -> Carried:
     """Four cameras carried through a room."""
-    way = path(rng, framesets, np.array([0.7, 0.15, 0.6]), np.array([0.25, 0.2, 0.2]))
-    body = _room(rng, 12, _A4), [pose.inverse() for pose in way]
-    return _seen(rng, lens, _outward(rng, 4), {"room": body})
-
-
-def vehicle(rng: np.random.Generator, lens: Lens, framesets: int = 300) -> Carried:
-    """The same on a plane floor."""
-    way = path(rng, framesets, np.array([0.7, 0.0, 0.6]), np.array([0.0, 0.2, 0.0]))
+    way = path(rng, framesets, np.array([0.7, 0.15, 0.6]), np.array([0.25, 0.2, 0.2]), around=True)
     body = _room(rng, 12, _A4), [pose.inverse() for pose in way]
     return _seen(rng, lens, _outward(rng, 4), {"room": body})
 
 
 def back_to_back(rng: np.random.Generator, lens: Lens, framesets: int = 120) -> Carried:
-    """Two cameras that look away from each other, each at its own board."""
-    way = path(rng, framesets, np.array([0.25, 0.2, 0.25]), np.array([0.35, 0.0, 0.35]))
+    """Two cameras that look away from each other, each at its own board, turned about all axes."""
+    return _each_its_board(rng, lens, path(rng, framesets, np.array([0.25, 0.2, 0.25]), np.array([0.35, 0.35, 0.35])))
+
+
+def vehicle(rng: np.random.Generator, lens: Lens, framesets: int = 120) -> Carried:
+    """The same on a plane floor, turning about one axis."""
+    return _each_its_board(rng, lens, path(rng, framesets, np.array([0.25, 0.0, 0.25]), np.array([0.0, 0.35, 0.0])))
+
+
+def _each_its_board(rng: np.random.Generator, lens: Lens, way: list[Pose]) -> Carried:
     boards = {}
     for number, side in enumerate((1.0, -1.0)):
         place = np.array([0.0, 0.0, 1.3 * side])

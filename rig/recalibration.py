@@ -105,7 +105,10 @@ def _in_rig_frame(problem: Problem, rig: Rig, first: FirstRig, standing: Mask) -
         old = rig.camera(problem.cameras[row].name).rig_from_camera.inverse()
         rotation[row], translation[row] = old.rotation, old.translation
     return replace(
-        first, camera_from_rig=Pose(rotation, translation), rig_from_body=rig_from_anchor @ first.rig_from_body
+        first,
+        camera_from_rig=Pose(rotation, translation),
+        rig_from_body=rig_from_anchor @ first.rig_from_body,
+        weak=tuple(replace(weak, axis=rig_from_anchor.rotation @ weak.axis) for weak in first.weak),
     )
 
 

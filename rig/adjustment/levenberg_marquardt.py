@@ -8,15 +8,14 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from quadrig.rig.adjustment.normal_equations import Linearised, Normal, linearise, normal_equations
+from quadrig.rig.adjustment.pose_priors import LayoutPrior, PositionPrior
 from quadrig.rig.adjustment.schur import Reduced, eliminate, node_steps, solve_units
 from quadrig.rig.adjustment.slack import EliminatedSlack, SlackPrior, eliminate_slack, slack_steps
 from quadrig.rig.adjustment.state import LENS, State, chain_derivatives
 from quadrig.rig.adjustment.tables import Tables, tables_of
-from quadrig.rig.adjustment.twist_jacobians import step_by_left_twist
 from quadrig.rig.problem.observations import Observations
 from quadrig.single.arrays import Floats, Ints, Mask
 from quadrig.single.damping import MOST_DAMPING, UNSOLVABLE, Damping, gain
-from quadrig.single.pose import Pose, stacked
 
 # A step that is expected to lower chi-square by less than this moves every parameter by less than a thousandth
 # of its own sigma: nothing that a result prints can change.
@@ -30,35 +29,13 @@ _FIRST_DAMPING = 1e-5
 
 
 @dataclass(frozen=True, eq=False)
-class LayoutPrior:
-    """What is known beforehand of the rectangles' poses on their bodies that are to be found: body_from_rect, a batch
-    (F,), and 1/variance (F, 6) of its step."""
-
-    mean: Pose = field(default_factory=lambda: stacked([]))
-    information: Floats = field(default_factory=lambda: np.zeros((0, 6)))
-
-    def steps(self, state: State) -> Floats:
-        """The steps (F, 6) that lead from the prior's poses to the state's."""
-        return self.mean.step_to(state.body_from_rect[: len(self.information)])
-
-    def cost(self, state: State) -> float:
-        """Chi-square of the state's poses."""
-        return float((self.information * self.steps(state) ** 2).sum())
-
-    def on_twists(self, state: State) -> tuple[Floats, Floats]:
-        """Information (F, 6, 6) on the twists of the state's poses, and the gradient (F, 6) down the cost."""
-        by_twist = step_by_left_twist(state.body_from_rect[: len(self.information)])
-        weighed = np.swapaxes(by_twist, -1, -2) * self.information[:, None]
-        return weighed @ by_twist, -(weighed @ self.steps(state)[..., None])[..., 0]
-
-
-@dataclass(frozen=True, eq=False)
 class FreeParameters:
     """What may change, and what is known beforehand.
 
     lens (C, 9) bool, pose (C,) bool, node (N,) bool. prior_mean (C, 9), prior_information (C, 9, 9): Gaussian priors
     of the lenses. slack: the prior of each View's slack, None where no View has any. layouts: of the poses of
-    rectangles on their bodies, which may change where is_layout_free.
+    rectangles on their bodies, which may change where is_layout_free. positions: of cameras, where motion leaves them
+    open.
     """
 
     lens: Mask
@@ -69,6 +46,7 @@ class FreeParameters:
     slack: SlackPrior | None = None
     layouts: LayoutPrior = field(default_factory=LayoutPrior)
     is_layout_free: bool = True
+    positions: tuple[PositionPrior, ...] = ()
 
     @property
     def information(self) -> Floats:
@@ -258,7 +236,8 @@ def _prior_cost(state: State, free: FreeParameters) -> float:
         cost += float((held * state.slack**2).sum())
     if state.offsets is not None:
         cost += float((state.offsets**2).sum()) * _CLOCK_INFORMATION
-    return cost + free.layouts.cost(state)
+    cost += sum(prior.cost(state) for prior in free.positions)
+    return cost + free.layouts.cost(state) if len(free.layouts.information) else cost
 
 
 def with_prior(normal: Normal, state: State, free: FreeParameters, columns: Ints) -> Normal:
@@ -271,9 +250,15 @@ def with_prior(normal: Normal, state: State, free: FreeParameters, columns: Ints
     if state.offsets is not None and state.motion is not None:
         units[:cameras, -1, -1] += _CLOCK_INFORMATION
         gradient[:cameras, -1] -= _CLOCK_INFORMATION * state.offsets
-    of_layouts, down = free.layouts.on_twists(state)
-    units[cameras:, count : count + 6, count : count + 6] += of_layouts
-    gradient[cameras:, count : count + 6] += down
+    twist = slice(count, count + 6)
+    if len(free.layouts.information):
+        of_layouts, down = free.layouts.on_twists(state)
+        units[cameras:, twist, twist] += of_layouts
+        gradient[cameras:, twist] += down
+    for prior in free.positions:
+        own, down = prior.on_twist(state)
+        units[prior.camera, twist, twist] += own
+        gradient[prior.camera, twist] += down
     return replace(normal, units=units, unit_gradient=gradient)
 
 

@@ -1,9 +1,11 @@
 """The joint adjustment in the frame that was asked for, of framesets that are grouped by the clocks it finds."""
 
+from collections.abc import Container
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from quadrig.rig.joint.open_positions import judged
 from quadrig.rig.joint.stages import Contradicted, Joint, solve_jointly
 from quadrig.rig.problem.build import Problem, rebuilt
 from quadrig.rig.start.clock_offsets import RegroupedViews, path_offsets, regroup
@@ -63,22 +65,41 @@ def solve_with_clocks(problem: Problem, reference: str) -> Solved | Contradicted
 def _one_round(
     problem: Problem, alone: FirstCameras, reference: str, offsets: Floats | None
 ) -> tuple[Problem, FirstRig, Joint | Contradicted]:
-    anchor, node = _anchor(problem, reference)
-    first = first_rig(problem, alone.candidates, anchor)
+    first = _first(problem, alone, reference)
     loose = loose_rectangles(problem, first.together)
     if loose:
         # What nothing ties to the rest of its body is a body by itself.
         rectangles = [replace(one, body=loose.get(one.name, one.body)) for one in problem.rectangles.values()]
         problem = rebuilt(problem, views=problem.views, rectangles=rectangles)
-        anchor, node = _anchor(problem, reference)
-        first = first_rig(problem, alone.candidates, anchor)
+        first = _first(problem, alone, reference)
     if not first.connected.all():
         names = [camera.name for camera, tied in zip(problem.cameras, first.connected, strict=True) if not tied]
         return problem, first, Contradicted(tuple(names))
-    if node is not None:
-        first = _in_node_frame(first, node)
+    joint = _joint(problem, alone, first, reference, offsets)
+    if isinstance(joint, Joint) and first.weak:
+        # First lenses tilt what they see: what the motion says of positions is known once all are solved together.
+        weak = judged(problem, joint, first.weak)
+        level = {one.body for one in weak if not one.is_known}
+        if level == {one.body for one in first.weak if not one.is_known}:
+            return problem, replace(first, weak=weak), joint
+        first = _first(problem, alone, reference, level)
+        joint = _joint(problem, alone, first, reference, offsets)
+    return problem, first, joint
+
+
+def _first(problem: Problem, alone: FirstCameras, reference: str, level: Container[str] = ()) -> FirstRig:
+    """The first rig in the frame of that name."""
+    anchor, node = _anchor(problem, reference)
+    first = first_rig(problem, alone.candidates, anchor, level)
+    return first if node is None else _in_node_frame(first, node)
+
+
+def _joint(
+    problem: Problem, alone: FirstCameras, first: FirstRig, reference: str, offsets: Floats | None
+) -> Joint | Contradicted:
+    anchor, node = _anchor(problem, reference)
     standing = np.arange(len(problem.cameras)) == (anchor if node is None else -1)
-    return problem, first, solve_jointly(problem, alone, first, standing, fixed_node=node, offsets=offsets)
+    return solve_jointly(problem, alone, first, standing, fixed_node=node, offsets=offsets)
 
 
 def _settled(before: Floats | None, after: Floats | None, noise: float, alone: float) -> bool:
@@ -112,4 +133,5 @@ def _in_node_frame(first: FirstRig, node: int) -> FirstRig:
         first,
         camera_from_rig=first.camera_from_rig @ rig_from_body,
         rig_from_body=body_from_rig @ first.rig_from_body,
+        weak=tuple(replace(weak, axis=body_from_rig.rotation @ weak.axis) for weak in first.weak),
     )

@@ -79,7 +79,7 @@ def placed_poses(problem: Problem, joint: Joint, widening: float, covariance: Fl
     return PlacedPoses(
         state.rig_from_body,
         state.body_from_rect,
-        widening * _node_covariances(joint),
+        widening * node_covariances(joint),
         widening * layouts,
         widening * across,
         alone,
@@ -87,7 +87,7 @@ def placed_poses(problem: Problem, joint: Joint, widening: float, covariance: Fl
     )
 
 
-def _node_covariances(joint: Joint) -> Floats:
+def node_covariances(joint: Joint) -> Floats:
     """Covariance (N, 6, 6) of the twist of every pose of a body: its own Views' doubt, and what cameras, layouts and
     the sheets' shapes pass on to it."""
     tables, normal, reduced = joint.adjustment.tables, joint.adjustment.normal, joint.reduced

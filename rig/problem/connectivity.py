@@ -39,10 +39,28 @@ def missing_cameras(problem: Problem, kept: list[int]) -> dict[str, str]:
         for camera in sorted(set(group) - set(kept)):
             name = problem.cameras[camera].name
             if set(group) & set(kept):
-                sentences[name] = contradiction(name)
+                sentences[name] = _untied(problem, camera, kept) or contradiction(name)
             else:
                 sentences[name] = _sentence(problem, camera, group, kept)
     return sentences
+
+
+def _untied(problem: Problem, camera: int, kept: list[int]) -> str:
+    """What to say of a camera that saw other rectangles of a body than the others did; empty where it saw one of
+    theirs at one time."""
+    own, theirs = problem.camera == camera, np.isin(problem.camera, kept)
+    seen = problem.node * len(problem.rectangles) + problem.rectangle
+    if np.isin(seen[own], seen[theirs]).any():
+        return ""
+    names, others = list(problem.rectangles), ", ".join(problem.cameras[c].name for c in kept)
+    shared = own & np.isin(problem.node, problem.node[theirs])
+    mine = ", ".join(repr(names[row]) for row in np.unique(problem.rectangle[shared]))
+    body = problem.nodes[int(problem.node[shared][0])].body
+    return (
+        f"{problem.cameras[camera].name}: of body {body!r} it saw {mine} and {others} other rectangles, and nothing "
+        "shows how these stand to each other: show one rectangle to both at once, or turn everything about two axes, "
+        "far and for longer, while each sees its own"
+    )
 
 
 def contradiction(name: str) -> str:

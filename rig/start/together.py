@@ -191,3 +191,10 @@ def _tied(items: int, relatives: Sequence[RelativePose], roots: Iterable[int]) -
                 if row != root and (best == 0 or one.sigma < best):
                     result.doubt[row] = one.sigma
     return result
+
+
+def in_frame(problem: Problem, together: Together) -> Mask:
+    """Which rectangles (R,) are tied to the frame of their body."""
+    given = np.array([rectangle.body_from_rect is not None for rectangle in problem.rectangles.values()])
+    is_frame = (problem.layouts.number < 0) | given
+    return is_frame[together.rectangles.group]

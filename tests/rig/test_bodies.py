@@ -98,3 +98,39 @@ def test_a_body_and_its_rectangles_fit_each_other(box):
     named = [replace(r, body="tag0") for r in made.made.rectangles]
     with pytest.raises(QuadrigError, match="body 'tag0' has the name of a rectangle"):
         calibrate(made.made.inputs, named, made.made.views)
+
+
+def test_cameras_that_see_nothing_in_common_are_placed_by_their_motion(bodies, table_lens):
+    made = bodies.back_to_back(np.random.default_rng([0, 1]), table_lens, 60)
+    seen = {camera: {v.rectangle for v in made.made.views if v.camera == camera} for camera in ("cam0", "cam1")}
+    assert not seen["cam0"] & seen["cam1"]
+    rig = calibrate(made.made.inputs, made.made.rectangles, made.made.views, "cam0")
+    assert not rig.missing
+    step = rig.camera("cam1").rig_from_camera.step_to(made.true(0, 1))
+    assert sigmas_off(step, rig.pose_covariance("cam1")) < 2.5
+    assert rig.position_sigma("cam1") < 0.01
+
+
+def test_what_a_plane_cannot_show_is_said_and_has_no_small_sigma(bodies, table_lens):
+    made = bodies.vehicle(np.random.default_rng([0, 5]), table_lens, 60)
+    rig = calibrate(made.made.inputs, made.made.rectangles, made.made.views, "cam0")
+    (said,) = [sentence for sentence in rig.weak if "cannot be known" in sentence]
+    assert said.startswith("cam1: the position along y")
+    assert "turn the rig about a second axis" in said
+    values, axes = np.linalg.eigh(rig.pose_covariance("cam1")[3:, 3:])
+    assert np.sqrt(values[2]) > 5
+    assert np.sqrt(values[1]) < 0.05
+    assert abs(axes[1, 2]) > 0.99
+    step = rig.camera("cam1").rig_from_camera.step_to(made.true(0, 1))
+    assert sigmas_off(step, rig.pose_covariance("cam1")) < 2.5
+
+
+def test_what_nothing_ties_is_said_with_what_would(bodies, table_lens):
+    """Each camera sees its own board, but at other times."""
+    made = bodies.back_to_back(np.random.default_rng([0, 1]), table_lens, 60)
+    views = [v for v in made.made.views if (v.frameset % 2 == 0) == (v.camera == "cam0")]
+    rig = calibrate(made.made.inputs, made.made.rectangles, views, "cam0")
+    assert list(rig.missing) == ["cam1"]
+    few = [v for v in made.made.views if v.frameset < 8]
+    rig = calibrate(made.made.inputs, made.made.rectangles, few, "cam0")
+    assert "of body 'room' it saw 'board1' and cam0 other rectangles" in rig.missing.get("cam1", "")
