@@ -77,7 +77,7 @@ class VideoFile:
             return [indices] if len(indices) else []
         return _batches_at(self.keys, indices, size)
 
-    def _frames(self) -> Iterator[tuple[int, Any]]:
+    def _frames(self) -> Iterator[tuple[int | None, Any]]:
         """Frames with their times, from the key frame before the first time on, as far as the file can be read."""
         import av
         from av.error import FFmpegError
@@ -207,7 +207,9 @@ def read_video(path: Path) -> VideoFile:
     return VideoFile(path, name, times[order], float(base), keys)
 
 
-def _pick(frames: Iterator[tuple[int, Any]], wanted: Ints, gray: bool, shrink: int) -> Iterator[Picture | None]:
+def _pick(
+    frames: Iterator[tuple[int | None, Any]], wanted: Ints, gray: bool, shrink: int
+) -> Iterator[Picture | None]:
     """The images at the wanted, rising times; None for those that do not come."""
     position = 0
     for time, frame in frames:
