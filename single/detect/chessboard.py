@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from quadrig.single.arrays import Floats, Picture
-from quadrig.single.detect.board_corners import RECENTRE, better_tone, corner_window, good_corners, view_sigma
+from quadrig.single.detect.board_corners import RECENTRE, better_tone, corner_window, good_corners, leak, view_sigma
 from quadrig.single.detect.saddle_grid import find_saddle_grid
 from quadrig.single.subpixel.corner_fit import CornerFit, fit_corners
 from quadrig.single.subpixel.tone import LightImage
@@ -50,7 +50,8 @@ def find_chessboard(grey: Picture, columns: int, rows: int) -> FoundGrid | None:
     if not _all_sure(fit, grid, axes) or sign == 0:
         return None
     pixels = fit.pixels.reshape(grid.shape)
-    return None if _goes_on(grey, pixels, fit) else FoundGrid(pixels, sign, view_sigma(fit.sigma))
+    sigma = view_sigma(np.hypot(fit.sigma, leak(axes.reshape(-1, 2, 2), fit.blur)))
+    return None if _goes_on(grey, pixels, fit) else FoundGrid(pixels, sign, sigma)
 
 
 def _right_handed(grid: Floats) -> Floats:

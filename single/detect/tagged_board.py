@@ -13,6 +13,7 @@ from quadrig.single.detect.board_corners import (
     better_tone,
     corner_window,
     good_corners,
+    leak,
     view_sigma,
 )
 from quadrig.single.detect.dictionaries import tag_cells
@@ -235,7 +236,8 @@ def _fit(
     moved = np.linalg.norm(fit.pixels - places[index], axis=1)
     sure = good_corners(fit) & alike_corners(fit) & (moved < np.maximum(1.5, 0.2 * side))
     sure &= np.sign(fit.contrast) == board.signs[index]
-    pixels[index], sigma[index], good[index] = fit.pixels, fit.sigma, sure
+    pixels[index], good[index] = fit.pixels, sure
+    sigma[index] = np.hypot(fit.sigma, leak(axes[index], fit.blur))
     return pixels, sigma, good, better_tone(fit, sure)
 
 
