@@ -15,7 +15,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from detect import PlainLoop
 
 from quadrig.single.arrays import Floats, Picture
 from quadrig.single.detect.image_search import detect_views
@@ -198,6 +197,9 @@ def mixed(views: int) -> Iterator[tuple[str, list[Capture]]]:
 
 def measure(rectangle: Rectangle, captures: Sequence[Capture]) -> tuple[list[Error], float, int]:
     """Errors of what is found, CPU ms a search, and in how many of the pictures OpenCV's detector finds it."""
+    # Here, since tests take the pictures from this file by its path.
+    from detect import PlainLoop
+
     found, spent, theirs, plain = [], 0.0, 0, PlainLoop([rectangle])
     for number, capture in enumerate(captures):
         image, pose = taken(rectangle, capture, np.random.default_rng(number))

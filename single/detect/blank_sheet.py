@@ -32,6 +32,9 @@ _RIVAL = 0.4
 # looks to it much like a power, and moves the edge by more. It grows as blur falls, down to some, for a sharp edge
 # shows less of its profile: film leaves 0.33, 0.25 and 0.15 at blurs of 0.5, 1 and 2 px.
 _CURVE_SIGMA, _SHARP = 0.22, 0.4
+# px for each px of blur by which a corner may be off where white is cut off and nothing says by how much (twice the
+# light that white needs: the middle of what is left of the step is so far beside the edge), and on light ground.
+_CUT_OFF, _WASHED_OUT = 1.2, 2.0
 # px that a real sheet's edge and corner depart from the model.
 _MODEL_SIGMA = 0.02
 
@@ -84,6 +87,9 @@ def _fit(grey: Picture, quad: Floats, middle: Floats) -> FoundSheet | None:
     if outline.sigma.max() > _WORST_SIGMA:
         return None
     common = tone.doubted(_CURVE_SIGMA / max(blur, _SHARP)).sigma * outline.by_gamma[0]
+    if outline.fit.clipped.any():
+        most = (_WASHED_OUT if outline.fit.washed_out.any() else _CUT_OFF) * blur
+        common *= max(1.0, most / max(float(np.linalg.norm(common, axis=1).mean()), 1e-6))
     sigma = np.hypot(outline.sigma[0], _MODEL_SIGMA)
     base, far = _far_corner(sides, sigma, common)
     return FoundSheet(corners, base, far, contrast)

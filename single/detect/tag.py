@@ -11,7 +11,7 @@ from quadrig.single.arrays import Floats, Ints, Mask, Picture
 from quadrig.single.detect.blurred_bits import read_tags
 from quadrig.single.detect.dictionaries import tag_cells, tag_dictionary
 from quadrig.single.detect.pictures import reduced
-from quadrig.single.subpixel.edge_fit import EdgeFit, Outline, fit_outline
+from quadrig.single.subpixel.edge_fit import CLIPPED, LIGHT_INK, EdgeFit, Outline, fit_outline
 from quadrig.single.subpixel.tag_tone import tone_from_tags
 from quadrig.single.subpixel.tone import USUAL_TONE, LightImage
 
@@ -44,6 +44,12 @@ _WIDE, _CLOSE = 8.0, 4.0
 _STILL, _SHARP = 1.0, 0.8
 # Blur (px) beyond which an image of twice the size shows no more of an edge.
 _SOFT = 1.5
+# Standard deviation of log gamma that is more where white is cut off: light beyond white moves edges as a tone does,
+# but not quite as the bits say (twice the light that white needs: by 0.17, one and a half times: by 0.07).
+_CLIPPED_SIGMA = 0.15
+# Change of the logarithm of light from a cell beside the tag to the next but one beyond which a shadow or glare ends
+# there, since no lamp is so uneven, and px by which corners are then off for each unit of it (rendered shadows).
+_UNEVEN, _BY_CHANGE = 0.18, 0.8
 # px that the model of a straight blurred edge is wrong by on real lenses, added to what noise explains.
 _MODEL_SIGMA = 0.01
 
@@ -157,12 +163,14 @@ def reads_as(grey: Picture, corners: Floats, name: str, tag_id: int) -> bool:
 @dataclass(frozen=True, eq=False)
 class TagOutlines:
     """Outlines of tags: corners (N, 4, 2) px, top left first and clockwise on the print, as the usual tone has them;
-    by_gamma (N, 4, 2): how they move with its log gamma; sigma and blur (N,) px; sure (N,): which to trust."""
+    by_gamma (N, 4, 2): how they move with its log gamma; sigma and blur (N,) px; clipped (N,): which have
+    white that may be cut off; sure (N,): which to trust."""
 
     corners: Floats
     by_gamma: Floats
     sigma: Floats
     blur: Floats
+    clipped: Mask
     sure: Mask
 
     def replace(self, index: Ints, others: "TagOutlines") -> None:
@@ -178,7 +186,8 @@ def toned_corners(grey: Picture, outlines: TagOutlines, cells: Mask) -> tuple[Fl
     if sure.any():
         tone = tone_from_tags(grey, outlines.corners[sure], outlines.blur[sure], cells[sure].astype(float), tone)
     moved = outlines.by_gamma * np.log(tone.gamma / USUAL_TONE.gamma)
-    return outlines.corners + moved, tone.sigma * outlines.by_gamma
+    doubt = np.where(outlines.clipped, tone.doubted(_CLIPPED_SIGMA).sigma, tone.sigma)
+    return outlines.corners + moved, doubt[:, None, None] * outlines.by_gamma
 
 
 def refine_tags(grey: Picture, rough: Floats, cells: int, still: bool = False) -> TagOutlines:
@@ -189,7 +198,7 @@ def refine_tags(grey: Picture, rough: Floats, cells: int, still: bool = False) -
     """
     count = len(rough)
     corners, by_gamma, sigma, blur = np.empty_like(rough), np.empty_like(rough), np.empty((count, 4)), np.empty(count)
-    sure, leak = np.zeros(count, bool), np.zeros(count)
+    sure, clipped, leak = np.zeros(count, bool), np.zeros(count, bool), np.zeros(count)
     levels = _levels(rough)
     groups = [np.flatnonzero(levels == 0), *np.flatnonzero(levels > 0)[:, None]]
     for group in (g for g in groups if len(g)):
@@ -197,6 +206,7 @@ def refine_tags(grey: Picture, rough: Floats, cells: int, still: bool = False) -
         corners[group], by_gamma[group], sigma[group] = outline.corners, outline.by_gamma, outline.sigma
         fit, own_blur = outline.fit, outline.fit.blur.reshape(-1, 4)
         blur[group] = own_blur.mean(axis=1)
+        clipped[group] = fit.clipped.reshape(-1, 4).any(axis=1)
         sure[group] = _even_sides(fit, _cell(corners[group], cells))
         if still:
             sure[group] &= (own_blur < _SHARP).all(axis=1)
@@ -207,8 +217,9 @@ def refine_tags(grey: Picture, rough: Floats, cells: int, still: bool = False) -
     total = np.sqrt(np.mean(sigma**2, axis=1) + leak**2 + _MODEL_SIGMA**2)
     sure &= total < _WORST_SIGMA
     for index in np.flatnonzero(sure):
-        sure[index] = _looks_whole(grey, corners[index], cells)
-    return TagOutlines(corners, by_gamma, total, blur, sure)
+        sure[index], uneven = _looks_whole(grey, corners[index], cells)
+        total[index] = np.hypot(total[index], uneven)
+    return TagOutlines(corners, by_gamma, total, blur, clipped, sure)
 
 
 def _leak(fit: EdgeFit, corners: Floats, cells: int) -> Floats:
@@ -299,8 +310,9 @@ def _cell(corners: Floats, cells: int) -> Floats:
     return np.minimum(*depth) / cells
 
 
-def _looks_whole(grey: Picture, corners: Floats, cells: int) -> bool:
-    """Whether the black border with the white ring around it is there, all the way, and at all four corners.
+def _looks_whole(grey: Picture, corners: Floats, cells: int) -> tuple[bool, float]:
+    """Whether the black border with the white ring around it is there, all the way, and at all four corners; and px
+    by which the border of a shadow or of glare across it may move a corner.
 
     Each black cell is held against the white beside it, so that glare over a part of the tag does not count.
     """
@@ -310,10 +322,15 @@ def _looks_whole(grey: Picture, corners: Floats, cells: int) -> bool:
     # What is outside the image (nan) is neither right nor wrong.
     wrong = np.count_nonzero(white - black < _LEAST_STEP * contrast)
     if not contrast > _LEAST_CONTRAST or wrong > _WRONG_CELLS * len(black):
-        return False
+        return False, 0.0
+    if np.any((white > CLIPPED) & (black > LIGHT_INK)):
+        return False, 0.0
+    light = np.log(np.maximum(USUAL_TONE.light(white.reshape(4, -1)), 1))
+    change = np.nanmax(np.abs(light[:, 2:] - light[:, :-2]), initial=0.0)
+    uneven = _BY_CHANGE * float(change) if change > _UNEVEN else 0.0
     black, white = (_sampled(grey, image_from_cell, _corners(cells, depth)) for depth in (_IN, _OUT))
     # Edges that end under a thumb do not meet where the corner is.
-    return not np.any(white - black < _LEAST_STEP * contrast)
+    return not np.any(white - black < _LEAST_STEP * contrast), uneven
 
 
 def _image_from_cell(corners: Floats, cells: int) -> Floats:

@@ -31,9 +31,9 @@ _BOW = 0.5
 _LOPSIDED = 0.3
 # Where among an edge's parameters its place stands.
 _PLACE = slice(5, 9)
-# Grey levels: white that may have been cut off, and ink that at a good exposure is darker even in a gamma curve.
-# Where both are passed, an unknown part of the step is missing, and its middle with it.
-_CLIPPED, _LIGHT_INK = 252.0, 90.0
+CLIPPED, LIGHT_INK = 252.0, 90.0
+"""Grey levels: white that may have been cut off, and ink that at a good exposure is darker even in a gamma curve.
+Where both are passed, an unknown part of the step is missing, and its middle with it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,10 +65,18 @@ class EdgeFit:
         return self.tone.grey(self.dark + self.contrast) - self.tone.grey(self.dark)
 
     @property
+    def clipped(self) -> Mask:
+        """Which (N,) edges end in white that may have been cut off: by how much the light was more is unknown."""
+        return self._sides.max(axis=0) > CLIPPED
+
+    @property
     def washed_out(self) -> Mask:
         """Which (N,) edges run between white that is clipped and a dark side that is light: they lie elsewhere."""
-        sides = self.tone.grey(np.stack([self.dark, self.dark + self.contrast]))
-        return (sides.max(axis=0) > _CLIPPED) & (sides.min(axis=0) > _LIGHT_INK)
+        return self.clipped & (self._sides.min(axis=0) > LIGHT_INK)
+
+    @property
+    def _sides(self) -> Floats:
+        return self.tone.grey(np.stack([self.dark, self.dark + self.contrast]))
 
 
 @dataclass(frozen=True, eq=False)
