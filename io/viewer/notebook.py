@@ -13,7 +13,8 @@ _HEIGHT = 480
 
 def show_in_notebook(rig: Rig) -> None:
     """Display a rig in the cell that runs."""
-    from IPython.display import Markdown, display
+    # It is there wherever there is a notebook, and nowhere else.
+    from IPython.display import Markdown, display  # pyright: ignore[reportMissingImports]
 
     display(Markdown(verdict_markdown(rig)))
     # What `pip install 'rerun-sdk[notebook]'` adds.

@@ -37,7 +37,10 @@ def take_screenshot(send: Callable[[str], None], picture: Path) -> None:
 def _jpeg(png: Path) -> bytes:
     import cv2
 
-    return cv2.imencode(".jpg", cv2.imread(str(png)), [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])[1].tobytes()
+    picture = cv2.imread(str(png))
+    if picture is None:
+        raise QuadrigError(_CANNOT)
+    return cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])[1].tobytes()
 
 
 def _draw(send: Callable[[str], None], png: Path) -> None:
