@@ -61,6 +61,16 @@ def test_box_of_tags() -> None:
         assert_off_within_sigmas(line)
 
 
+def test_cameras_without_overlap() -> None:
+    lines = run("10_no_overlap.py").splitlines()
+    assert [line.partition(":")[0][-4:] for line in lines] == ["cam1", "cam2", "cam3", "cam1"]
+    for line in lines:
+        turned, moved, turn_sigma, move_sigma = map(float, re.findall(r"\d+\.\d+", line))
+        # Three numbers each, and the sigma of their length: beyond 2.5 of these one in a thousand.
+        assert 0 < turned < 2.5 * turn_sigma, line
+        assert 0 < moved < 2.5 * move_sigma, line
+
+
 def test_has_it_moved(shared_data: Path) -> None:
     example = [sys.executable, str(EXAMPLES / "05_has_it_moved.py"), str(shared_data / "floor")]
     done = subprocess.run(example, capture_output=True, text=True, timeout=120, check=False)
