@@ -87,8 +87,8 @@ def licence_of(name: str) -> str:
     """What a distribution says of its licence."""
     metadata = distribution(name).metadata
     classifiers = [line for line in metadata.get_all("Classifier", []) if line.startswith("License ::")]
-    first_line = (metadata.get("License") or "").partition("\n")[0]
-    return "; ".join(filter(None, [metadata.get("License-Expression"), *classifiers, first_line]))
+    whole = [text.partition("\n")[0] for text in metadata.get_all("License", [])]
+    return "; ".join([*metadata.get_all("License-Expression", []), *classifiers, *whole])
 
 
 # Those that let anybody use, change and pass on, with notice alone: TOST is Apache-2.0 with another clause on
