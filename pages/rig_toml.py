@@ -78,7 +78,10 @@ WORDS: dict[str, dict[str, tuple[str, str]]] = {
         "principal_point": ("px", "Where its axis meets the picture; else the middle."),
         "distortion": ("", "OpenCV's k1, k2, p1, p2, k3, as many as are known; of a fisheye k1 to k4."),
         "aspect": ("", "Focal length along y over that along x."),
-        "model": ("", "`fisheye` for lenses of 120 degrees and more: the equidistant model of Kannala and Brandt."),
+        "model": (
+            "",
+            "`fisheye` for lenses from 120 degrees on, Kannala and Brandt's. Where nothing is given, the Views say.",
+        ),
         "fixed": ("", "The lens that is given is the truth and stays."),
         "lens": ("", "Which parameters are estimated. `auto`: all, under priors learned from real lenses."),
     },

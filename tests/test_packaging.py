@@ -138,19 +138,23 @@ def test_conda_forge_installs_what_pip_does() -> None:
 
 def test_a_released_readme_has_whole_links(load_script) -> None:
     at_home = load_script("packaging/at_home.py")
-    text = at_home.whole_links((ROOT / "README.md").read_text(), "https://example.org/quadrig", "v1")
-    links = re.findall(r"\]\(([^)]+)\)", text)
-    assert all(link.startswith("https://") for link in links)
-    assert "https://example.org/quadrig/raw/v1/docs/demo.jpg" in links
-    assert "https://example.org/quadrig/blob/v1/CONTRIBUTING.md" in links
+    text = "![a room](docs/demo.jpg), [formats](docs/formats.md), [below](#figures), [rerun](https://rerun.io)"
+    links = re.findall(r"\]\(([^)]+)\)", at_home.whole_links(text, "https://example.org/quadrig", "v1"))
+    assert links == [
+        "https://example.org/quadrig/raw/v1/docs/demo.jpg",
+        "https://example.org/quadrig/blob/v1/docs/formats.md",
+        "#figures",
+        "https://rerun.io",
+    ]
 
 
 def test_a_released_project_has_addresses(load_script) -> None:
     at_home = load_script("packaging/at_home.py")
-    text = at_home.with_addresses((ROOT / "pyproject.toml").read_text(), "https://example.org/q", "https://pages.org")
+    text = at_home.with_addresses("[project.scripts]\n", "https://example.org/q", "https://pages.org")
     urls = tomllib.loads(text)["project"]["urls"]
     assert urls["Homepage"] == "https://example.org/q"
     assert urls["Documentation"] == "https://pages.org"
+    assert "[project.scripts]\n" in (ROOT / "pyproject.toml").read_text()
 
 
 def test_the_pythons_that_are_stated_begin_with_the_oldest_that_installs() -> None:
