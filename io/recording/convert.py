@@ -11,6 +11,7 @@ import numpy as np
 
 from quadrig.io.progress import progress_bar
 from quadrig.io.recording.camera import RecordedCamera
+from quadrig.io.recording.decode_image import UndecodableImage, read_picture_file
 from quadrig.io.recording.image_folder import ImageFiles
 from quadrig.io.recording.image_source import Stamped
 from quadrig.io.recording.messages.image_message import ROS2_DEFINITIONS
@@ -86,7 +87,7 @@ def _encoded(
     order = np.argsort(camera.stamps, kind="stable")
     if isinstance(source, ImageFiles) and source.encoding in _COPIED:
         for k in order.tolist():
-            yield int(camera.stamps[k]), number, k, _COPIED[source.encoding], source.paths[k].read_bytes()
+            yield int(camera.stamps[k]), number, k, _COPIED[source.encoding], _bytes_of(source.paths[k])
         return
     rising = bool(np.all(np.diff(order) > 0))
     parts = [camera.source] if rising else (camera.source.part(np.array([k])) for k in order)
@@ -94,6 +95,14 @@ def _encoded(
     for k, image in zip(order.tolist(), images, strict=True):
         data = b"" if image is None else _encode(image, form, quality)
         yield int(camera.stamps[k]), number, k, form, data
+
+
+def _bytes_of(path: Path) -> bytes:
+    """None where the file cannot be read, or is larger than a picture."""
+    try:
+        return read_picture_file(path)
+    except UndecodableImage:
+        return b""
 
 
 def _encode(image: Picture, form: ImageFormat, quality: int) -> bytes:

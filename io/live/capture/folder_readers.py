@@ -4,7 +4,7 @@ import time
 from pathlib import Path
 
 from quadrig.io.live.capture.reader import NETWORK_PATIENCE, PictureData, SourceLostError
-from quadrig.io.recording.decode_image import UndecodableImage, decode_file
+from quadrig.io.recording.decode_image import UndecodableImage, decode_file, read_picture_file
 from quadrig.io.recording.image_folder import IMAGE_SUFFIXES
 from quadrig.single.errors import QuadrigError
 
@@ -74,9 +74,8 @@ class WatchReader:
 
 
 def _picture_file(path: Path) -> PictureData:
-    if path.suffix.lower() in (".jpg", ".jpeg", ".png"):
-        return path.read_bytes()
     try:
-        return decode_file(path.read_bytes(), gray=False)
+        data = read_picture_file(path)
+        return data if path.suffix.lower() in (".jpg", ".jpeg", ".png") else decode_file(data, gray=False)
     except UndecodableImage:
         return b""
