@@ -6,7 +6,7 @@ C + C B S B' C.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 _DENSE = 3_000_000
 # Views whose Gram matrices are made at a time: 0.1 MB each.
 _AT_ONCE = 500
+_NO_LENS = np.zeros(0, int)
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,6 +37,8 @@ class Border:
 
     units (F, E M, U): B above. information (F, U, U): D; gradient (F, U) down the cost; both without the prior.
     pairs (E M, 6 N) sparse, and passed (6 N, U), sparse where it is large: what leads to the steps of the nodes.
+    lenses (C, K + 2 B, K + 2 B): what all Views say of each camera's lens columns and of what its lens leaves over,
+    all poses held and none straying.
     """
 
     units: Floats
@@ -43,6 +46,15 @@ class Border:
     gradient: Floats
     pairs: "scipy.sparse.csr_array"
     passed: "Floats | scipy.sparse.csr_array"
+    lenses: Floats
+
+    def at_noise(self, before: float, after: float) -> "Border":
+        """The same for another noise, px."""
+        share = (before / after) ** 2
+        return replace(
+            self, units=share * self.units, information=share * self.information, gradient=share * self.gradient,
+            pairs=share * self.pairs, lenses=share * self.lenses,
+        )  # fmt: skip
 
     def lost(self, errors: SystematicErrors, values: Floats) -> tuple[Floats, Floats]:
         """By how much less the reduced system and its gradient say, (E M, E M) and (E M,), when the errors, now of
@@ -86,7 +98,33 @@ def border_of(
         information[number] -= _dense(own.nodes[rows].T @ chosen)
         gradient[number] -= chosen.T @ pull[rows]
     border[:, ~reduced.free.ravel()] = 0.0
-    return Border(border, information, gradient, pairs, passed)
+    return Border(border, information, gradient, pairs, passed, own.lenses)
+
+
+def border_near(
+    before: Border,
+    errors: SystematicErrors,
+    observations: Observations,
+    found: Adjustment,
+    noise: float,
+) -> Border:
+    """The border, of one fold, at the end of an adjustment so near to that of another, at the same noise, that only
+    the gradient differs. No View strays. noise: px."""
+    gradient, chained = np.zeros(len(errors.information)), found.state.camera_from_rect(observations)
+    for group, moves in zip(observations.groups, errors.moves, strict=True):
+        pose = chained[group.view]
+        rows, _ = view_rows(group, found.state.lens[group.camera], pose, _NO_LENS)
+        pull = np.where(np.isfinite(rows), rows, 0.0)
+        left_over = pull[-1] * (group.weights / noise**2)[:, None]
+        on_sheet = np.swapaxes(pose.rotation, 1, 2) @ (pull[3:6] * left_over).sum(axis=2).swapaxes(0, 1)
+        own = (
+            np.einsum("vpsa,vap->vs", moves.by_shape, on_sheet),
+            np.einsum("vpta,vap->vt", moves.by_tone, left_over),
+            (left_over @ moves.by_lens).reshape(len(left_over), -1),
+        )
+        np.add.at(gradient, moves.index, np.concatenate(own, axis=1))
+    gradient -= before.passed.T @ found.normal.node_gradient.ravel()
+    return replace(before, gradient=gradient[None])
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,7 +197,10 @@ def solve_bordered(
     gradient = np.where(reduced.free, reduced.gradient, 0.0).ravel()
     pulled = border.gradient.sum(axis=0) - errors.information @ values - through.T @ gradient
     step = root @ (root.T @ pulled)
-    steps = (unit_covariance @ gradient - through @ step).reshape(reduced.free.shape)
+    firm = unit_covariance @ gradient
+    node_pull = found.normal.node_gradient
+    firm_fall = gradient @ firm + float((node_pull[:, None] @ reduced.node_inverse @ node_pull[..., None]).sum())
+    steps = (firm - through @ step).reshape(reduced.free.shape)
     poses = node_steps(found.normal, found.tables, reduced, steps) - (border.passed @ step).reshape(-1, 6)
     by_unit = -through @ root
     covariance = root @ root.T
@@ -172,7 +213,7 @@ def solve_bordered(
         by_unit,
         border,
         root,
-        float(step @ pulled),
+        float(step @ pulled + firm_fall),
         len(values) - float((errors.information * covariance).sum()),
         data,
         pulled + errors.information @ values + data @ values,
@@ -182,12 +223,13 @@ def solve_bordered(
 @dataclass(frozen=True, eq=False)
 class _Sums:
     """The errors' part of the normal equations: with units (F, E M, U), among themselves (F, U, U) and the gradient
-    (F, U), for each fold; with nodes (6 N, U)."""
+    (F, U), for each fold; with nodes (6 N, U). lenses: as Border has them."""
 
     units: Floats
     nodes: "Floats | scipy.sparse.csr_array"
     errors: Floats
     gradient: Floats
+    lenses: Floats
 
     @staticmethod
     def of(
@@ -206,7 +248,13 @@ class _Sums:
         result = np.zeros((folds, found.tables.units, size, unknowns))
         own, gradient, parts = np.zeros((folds, unknowns, unknowns)), np.zeros((folds, unknowns)), []
         chain, joins = chain_derivatives(observations, found.state), observations.joins
-        for part, gram, index in extended_grams(errors, observations, found, free, noise):
+        fields = errors.lens_rows.shape[1]
+        lenses = np.zeros((observations.cameras, lens + fields, lens + fields))
+        for part, gram, index in extended_grams(errors, observations, found, noise):
+            held = np.r_[:lens, lens + index.shape[1] - fields : lens + index.shape[1]]
+            np.add.at(lenses, part.camera, gram[:, held[:, None], held])
+            if free.slack is not None and found.state.slack is not None:
+                gram = eliminate_slack(gram, found.state.slack[part.view], free.slack.information[part.view]).gram
             of_errors = gram[:, lens : lens + index.shape[1]]
             by_pose = of_errors[:, :, -7:-1]
             with_camera = np.concatenate([of_errors[:, :, :lens], by_pose @ chain.by_camera[part.view]], axis=2)
@@ -221,11 +269,11 @@ class _Sums:
             np.add.at(result, place, np.swapaxes(np.add.reduceat(with_camera[order], starts), 1, 2))
             if joins.found:
                 layout = joins.layout[part.view[first]]
-                free = np.flatnonzero((layout >= 0) & (layout < joins.found))
+                loose = np.flatnonzero((layout >= 0) & (layout < joins.found))
                 with_layout = np.add.reduceat((by_pose @ chain.by_layout[part.view])[order], starts)
-                unit = joins.cameras + layout[free, None, None]
-                place = (number[free, None, None], unit, lens + np.arange(6)[:, None], at[free][:, None, :])
-                np.add.at(result, place, np.swapaxes(with_layout[free], 1, 2))
+                unit = joins.cameras + layout[loose, None, None]
+                place = (number[loose, None, None], unit, lens + np.arange(6)[:, None], at[loose][:, None, :])
+                np.add.at(result, place, np.swapaxes(with_layout[loose], 1, 2))
             among = np.add.reduceat(of_errors[order, :, lens : lens + index.shape[1]], starts)
             np.add.at(own, (number[:, None, None], at[:, :, None], at[:, None, :]), among)
             np.add.at(gradient, (fold[part.node][:, None], index), of_errors[:, :, -1])
@@ -235,22 +283,19 @@ class _Sums:
         value, row, column = (np.concatenate(each) for each in zip(*parts, strict=True))
         nodes = coo_array((value, (row, column)), shape=(6 * observations.nodes, unknowns))
         nodes = nodes.toarray() if 6 * observations.nodes * unknowns < _DENSE else nodes.tocsr()
-        return _Sums(result.reshape(folds, -1, unknowns), nodes, own, gradient)
+        return _Sums(result.reshape(folds, -1, unknowns), nodes, own, gradient, lenses)
 
 
 def extended_grams(
-    errors: SystematicErrors, observations: Observations, found: Adjustment, free: FreeParameters, noise: float
+    errors: SystematicErrors, observations: Observations, found: Adjustment, noise: float
 ) -> Iterator[tuple[ObservationGroup, Floats, Ints]]:
     """Some Views at a time, their Gram matrices (V, K+E+7, K+E+7) over [lens columns, errors, step of
-    camera_from_rect, residual], the slack of Views eliminated, and which errors (V, E) act on them."""
+    camera_from_rect, residual], and which errors (V, E) act on them."""
     chained = found.state.camera_from_rect(observations)
     for group, moves in zip(observations.groups, errors.moves, strict=True):
         for rows in _batches(len(group.view)):
             part = group.part(rows)
-            gram = _gram(part, moves, rows, found, chained[part.view], noise)
-            if free.slack is not None and found.state.slack is not None:
-                gram = eliminate_slack(gram, found.state.slack[part.view], free.slack.information[part.view]).gram
-            yield part, gram, moves.index[rows]
+            yield part, _gram(part, moves, rows, found, chained[part.view], noise), moves.index[rows]
 
 
 def _dense(matrix: "Floats | scipy.sparse.csr_array") -> Floats:

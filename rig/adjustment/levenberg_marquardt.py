@@ -22,9 +22,6 @@ from quadrig.single.damping import MOST_DAMPING, UNSOLVABLE, Damping, gain
 CONVERGED = 1e-6
 # Clocks are known to a second beforehand (1/s^2): this holds their common offset, which nothing else does.
 _CLOCK_INFORMATION = 1.0
-# Near a minimum each fall of chi-square is a share of the last one: as small as the last two show, but Gauss-Newton's
-# neglect of residuals keeps it from getting much smaller than this (0.004 seen).
-_SLOWEST = 0.01
 _FIRST_DAMPING = 1e-5
 
 
@@ -110,17 +107,9 @@ def adjust(
         state = replace(state, slack=np.zeros((len(observations.camera), 6)))
     here = _expand(problem, state)
     costs, damping = [here.cost], Damping.of(_FIRST_DAMPING)
-    last = 0.0
-    while len(costs) <= most_steps:
-        found = _better(problem, here, damping)
-        if found is None:
-            break
-        here, expected, damping = found
+    while len(costs) <= most_steps and (found := _better(problem, here, damping, tolerance)) is not None:
+        here, damping = found
         costs.append(here.cost)
-        share = expected / last if last > expected else 1.0
-        if expected * max(share, _SLOWEST) < tolerance:
-            break
-        last = expected
     return Adjustment(
         here.state, tuple(costs), here.linearised, here.normal, problem.tables, problem.columns, here.eliminated
     )
@@ -181,8 +170,11 @@ def _expand(problem: _Adjusted, state: State, known: tuple[Linearised, float] | 
     return _Expansion(state, cost, linearised, normal, problem.tables, problem.columns, eliminated)
 
 
-def _better(problem: _Adjusted, here: _Expansion, damping: Damping) -> tuple[_Expansion, float, Damping] | None:
-    """The next state of lower cost, the fall that was expected, and the next damping; None at a minimum."""
+def _better(
+    problem: _Adjusted, here: _Expansion, damping: Damping, tolerance: float
+) -> tuple[_Expansion, Damping] | None:
+    """The next state of lower cost, and the next damping; None where the cost is expected to fall by less than the
+    tolerance, if at all."""
     free, normal = problem.free, here.normal
     unknowns = free.unknowns(problem.columns, here.state)
     while damping.value < MOST_DAMPING:
@@ -194,15 +186,14 @@ def _better(problem: _Adjusted, here: _Expansion, damping: Damping) -> tuple[_Ex
             continue
         poses = node_steps(normal, problem.tables, reduced, steps)
         expected = float((steps * normal.unit_gradient * unknowns).sum() + (poses * normal.node_gradient).sum())
+        if expected < tolerance:
+            return None
         trial = _stepped(problem.observations, here, steps, poses)
         found = _linearised(problem, trial)
         gained = gain(here.cost, found[1], expected)
         damping = damping.after(gained)
         if gained > 0:
-            return _expand(problem, trial, found), expected, damping
-        # At the very minimum rounding decides whether the cost still falls.
-        if expected < CONVERGED:
-            return None
+            return _expand(problem, trial, found), damping
     return None
 
 

@@ -86,8 +86,8 @@ def cross_validate(problem: Problem, joint: Joint) -> CrossValidation:
 def _squares(joint: Joint, step: Floats, errors: Floats) -> Floats:
     """Sum of the weighted squared residuals (V,) after steps (V, K + 6) and of the errors (V, U), to first order."""
     squares, lens = np.zeros(len(step)), len(joint.adjustment.columns)
-    found, firm = replace(joint.adjustment, state=joint.predicted), replace(joint.free, slack=None)
-    for part, gram, index in extended_grams(joint.errors, joint.observations, found, firm, joint.noise):
+    found = replace(joint.adjustment, state=joint.predicted)
+    for part, gram, index in extended_grams(joint.errors, joint.observations, found, joint.noise):
         own = np.take_along_axis(errors[part.view], index, axis=1)
         seen = np.ones((len(own), 1))
         row = np.concatenate([step[part.view, :lens], own, step[part.view, lens:], -seen], axis=1)[:, None]

@@ -1,8 +1,8 @@
 """The lens that is handed out: the model that comes nearest to the lens with what it leaves over.
 
 The smooth remainder of a lens and its model share what both can draw. As far as the model can follow the remainder
-where corners were seen, with the rectangles' poses following as far as other cameras let them, it takes it over: who
-has the model alone then misses least.
+where corners were seen, it takes it over: who has the model alone then misses least. Of a camera by itself the
+rectangles' poses follow too, since they are nothing but what its lens makes of them; in a rig others rely on them.
 """
 
 from dataclasses import dataclass
@@ -31,32 +31,34 @@ def delivered_lenses(joint: Joint) -> DeliveredLenses:
     lens = joint.adjustment.state.lens.copy()
     if not rows.size:
         return DeliveredLenses(lens, joint.bordered.by_unit, np.full(len(lens), np.nan))
-    model, ties = _model(joint), joint.bordered.border.units.sum(axis=0).reshape(units, size, -1)
-    fields = joint.bordered.border.information.sum(axis=0)
+    sums, known = _sums(joint), joint.free.information[:, columns[:, None], columns]
     taken = np.zeros((units, size, len(joint.values)))
     remainder = np.zeros(cameras)
     for camera in range(cameras):
         free, own = np.flatnonzero(joint.reduced.free[camera, : len(columns)]), rows[camera]
-        prior = joint.free.information[camera][np.ix_(columns[free], columns[free])]
-        both, across = model[camera][np.ix_(free, free)], ties[camera][np.ix_(free, own)]
-        share = np.linalg.solve(both, across)
+        model, across = sums[camera][np.ix_(free, free)], sums[camera][free, len(columns) :]
+        share = np.linalg.solve(model + known[camera][np.ix_(free, free)], across)
         taken[camera][np.ix_(free, own)] = share
         values = joint.values[own]
         step = share @ values
         lens[camera, columns[free]] += step
-        left = values @ fields[np.ix_(own, own)] @ values - 2 * step @ across @ values + step @ (both - prior) @ step
+        field = sums[camera][len(columns) :, len(columns) :]
+        left = values @ field @ values - 2 * step @ across @ values + step @ model @ step
         remainder[camera] = np.sqrt(max(left, 0.0) / max(_weights(joint, camera), np.finfo(float).tiny))
     by_unit = joint.bordered.by_unit + taken.reshape(units * size, -1) @ joint.bordered.root
     return DeliveredLenses(lens, by_unit, remainder)
 
 
-def _model(joint: Joint) -> Floats:
-    """What the corners and the priors say of each camera's lens (C, K, K), where rectangles' poses follow it as far
-    as other cameras let them."""
-    lens, diagonal = len(joint.adjustment.columns), joint.reduced.left == joint.reduced.right
-    model = np.zeros((len(joint.reduced.free), lens, lens))
-    model[joint.reduced.left[diagonal]] = joint.reduced.blocks[diagonal, :lens, :lens]
-    return model
+def _sums(joint: Joint) -> Floats:
+    """What the corners say (C, K + 2 B, K + 2 B) of each camera's lens and of its remainder: in a rig where its pose
+    and the rectangles' stand; of one camera alone, whose poses are its lens's, where they follow."""
+    border, lens = joint.bordered.border, len(joint.adjustment.columns)
+    if len(border.lenses) > 1:
+        return border.lenses
+    rows = joint.errors.lens_rows[0]
+    across = border.units.sum(axis=0)[:lens, rows]
+    model = joint.reduced.blocks[0][:lens, :lens] - joint.free.information[0][np.ix_(*[joint.adjustment.columns] * 2)]
+    return np.block([[model, across], [across.T, border.information.sum(axis=0)[np.ix_(rows, rows)]]])[None]
 
 
 def _weights(joint: Joint, camera: int) -> float:

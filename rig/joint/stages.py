@@ -1,10 +1,11 @@
 """From a first rig to the best one: robust fit, outliers out, least squares to the end, lenses weighed by class."""
 
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from quadrig.rig.adjustment.bordered import Bordered, border_of, solve_bordered
+from quadrig.rig.adjustment.bordered import Border, Bordered, border_near, border_of, solve_bordered
 from quadrig.rig.adjustment.levenberg_marquardt import (
     Adjustment,
     FreeParameters,
@@ -66,6 +67,9 @@ _SAME_CLASSES = 0.0005
 _SAME_ERRORS = 1e-5
 # A step that is expected to lower chi-square by less is too short to go wrong: a few sigmas of one number.
 _NEAR = 10.0
+# Chi-square to be gained by a step that moves nothing by more than a third of its sigma: derivatives stay as they
+# are, and cameras and systematic errors go on together.
+_CLOSE = 0.1
 # Times that a step is halved before it is given up.
 _HALVINGS = 8
 # A position that the motion does not show is held to a millimetre (1/m^2).
@@ -243,21 +247,25 @@ def _least_squares_stage(
     errors = systematic_errors(problem, observations)
     values, seen = np.zeros(len(errors.information)), observations
     state, used = fit.adjustment.state, observations.with_weights(inliers.weights)
-    rounds = 0
+    rounds, border = 0, None
     while True:
         rounds += 1
-        found = adjust(used, state, free, noise, most_steps=_MOST_STEPS, tables=fit.adjustment.tables)
-        end, before, kinds = _end(errors, values, used, found, free, noise), noise, priors.kinds
+        found = adjust(
+            used, state, free, noise, most_steps=_MOST_STEPS, tables=fit.adjustment.tables, tolerance=_CLOSE
+        )
+        end, before, kinds = _end(errors, values, used, found, free, noise, border=border), noise, priors.kinds
         costs, noise = costs + found.costs, noise_of(*end.residuals, problem.expected_noise)
         again = inliers_of(seen, found.linearised.squares, found.state, free, noise)
-        priors, free = _weighed(problem, priors, free, found, end.covariance)
-        state, values = _moved(errors, values, observations, used, found, free, noise, end.bordered)
+        state, values = _moved(errors, values, observations, used, found, free, before, end.bordered)
+        priors, free = _weighed(problem, priors, free, replace(found, state=state), end.covariance)
         if end.bordered.fall < _NEAR:
             errors = errors.with_learned_fields(end.bordered.data_information, end.bordered.data_pull)
         seen = errors.corrected(observations, values)
         same = abs(np.log(noise / before)) < _SETTLED_NOISE and np.abs(priors.kinds - kinds).max() < _SAME_CLASSES
         if (same and again.same_points(inliers) and end.bordered.fall < _SAME_ERRORS) or rounds == _ROUNDS:
             break
+        near = end.bordered.fall < _CLOSE and free.slack is None and again.same_points(inliers)
+        border = end.bordered.border.at_noise(before, noise) if near else None
         inliers, used = again, seen.with_weights(again.weights)
         contradicted = _contradicted(problem, observations, inliers)
         if contradicted:
@@ -268,7 +276,7 @@ def _least_squares_stage(
         state, values, seen = fit.adjustment.state, np.zeros_like(values), observations
     used = seen.with_weights(inliers.weights)
     adjustment = adjust(used, state, free, noise, most_steps=_MOST_STEPS, tables=fit.adjustment.tables)
-    end = _end(errors, values, used, adjustment, free, noise, folds_of(problem))
+    end = _end(errors, values, used, adjustment, free, noise, fold=folds_of(problem))
     noise = noise_of(*end.residuals, problem.expected_noise)
     predicted = without_slack(used, adjustment.state, free, noise)
     freedom = max(end.residuals[1], 0.0) + EXPECTED_WEIGHT
@@ -311,7 +319,7 @@ def _moved(
         tried = adjust(seen, state, free, noise, most_steps=0, tables=found.tables)
         return tried.costs[-1] + float(at @ errors.information @ at)
 
-    here, share = cost(found.state, values), 1.0
+    here, share = found.costs[-1] + float(values @ errors.information @ values), 1.0
     for _ in range(_HALVINGS):
         state, at = bordered.part(used, found, share)
         if cost(state, at) < here:
@@ -342,12 +350,22 @@ def _end(
     found: Adjustment,
     free: FreeParameters,
     noise: float,
+    *,
     fold: Ints | None = None,
+    border: Border | None = None,
 ) -> _End:
+    """fold (N,): as border_of has it. border: of an end so near that only its gradient differs; else it is made."""
     reduced = undamped(found, free)
     firm = reduced_inverse(reduced)
-    border = border_of(errors, used, found, free, noise, reduced, fold)
-    bordered = solve_bordered(border, errors, values, found, reduced, firm)
+    bordered = None
+    if border is not None:
+        near = border_near(border, errors, used, found, noise)
+        # What no picture shows, as the scale of all sheets, seems to show where derivatives are not all of one state.
+        with suppress(np.linalg.LinAlgError):
+            bordered = solve_bordered(near, errors, values, found, reduced, firm)
+    if bordered is None:
+        border = border_of(errors, used, found, free, noise, reduced, fold)
+        bordered = solve_bordered(border, errors, values, found, reduced, firm)
     covariance = bordered.with_errors(firm)
     residuals = residual_sum(found, used, free, noise, covariance, bordered.effective)
     return _End(found, reduced, firm, bordered, covariance, residuals)
