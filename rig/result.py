@@ -1,5 +1,6 @@
 """The Rig: cameras and rectangles in one frame, how sure each is, and what the Views said."""
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from html import escape
@@ -13,10 +14,16 @@ from quadrig.single.lens import LENS_PARAMETERS, Intrinsics
 from quadrig.single.lens_prior import LensEvidence
 from quadrig.single.pose import Pose, compose_jacobians, inverse_jacobian
 from quadrig.single.rectangle import Rectangle
+from quadrig.single.rotation import angles_from_rotation
 from quadrig.single.view import View
 
 # More names than this are counted, so that a rig of hundreds still fits on a screen.
 _MOST_NAMED = 8
+# The body of that name is what a rig is carried through, whatever is known of it.
+ROOM = "room"
+# Rectangles of a body face inward or outward where that is this share of how far they are from its middle; else it is
+# flat, and a wall where it is wider than anybody holds or turns, m.
+_FACES, _WIDEST_HELD = 0.2, 1.5
 
 CAMERA_PARAMETERS = len(LENS_PARAMETERS) + 6
 """Length of one camera's block in Rig.covariance: nine of the lens, then the step of rig_from_camera."""
@@ -88,6 +95,28 @@ class PlacedBody:
     covariance: Floats
     framesets: Ints = field(default_factory=lambda: np.zeros(0, int))
 
+    @property
+    def is_room(self) -> bool:
+        """Whether it is what the rig is carried through, not what moves before it: it bears that name, its rectangles
+        face one another, or it is a wall."""
+        if self.name == ROOM:
+            return True
+        offsets = self.body_from_rect.translation - self.body_from_rect.translation.mean(axis=0)
+        size = float(np.linalg.norm(offsets, axis=1).mean())
+        inward = float(np.mean(np.sum(offsets * self.body_from_rect.rotation[:, :, 2], axis=1)))
+        return inward > _FACES * size or (inward > -_FACES * size and 2 * size > _WIDEST_HELD)
+
+    def path(self) -> tuple[Pose, Floats]:
+        """body_from_rig and the covariance (..., 6, 6) of its step: how the rig moves as the body sees it."""
+        by_pose = inverse_jacobian(self.rig_from_body)
+        return self.rig_from_body.inverse(), by_pose @ self.covariance @ np.swapaxes(by_pose, -1, -2)
+
+    def layout_sigmas(self) -> Floats:
+        """Sigmas (2, K) of where each rectangle stands on it: pose_sigmas."""
+        count = len(self.rectangles)
+        blocks = self.layout_covariance.reshape(count, 6, count, 6)[range(count), :, range(count)]
+        return pose_sigmas(blocks)
+
     def rect_from_other(self, rectangle: str, other: str) -> tuple[Pose, Floats]:
         """The pose of another rectangle of the body in the frame of one, and the covariance (6, 6) of its step.
         Raises ValueError where either is none of its rectangles."""
@@ -152,6 +181,11 @@ class Rig:
     dispersion: float = 1.0
     apart: tuple["Rig", ...] = ()
     bodies: tuple[PlacedBody, ...] = ()
+
+    @property
+    def room(self) -> PlacedBody | None:
+        """The body that the rig is carried through; None where the rig stands."""
+        return next((body for body in self.bodies if len(body.framesets) and body.is_room), None)
 
     @property
     def is_doubt_known(self) -> bool:
@@ -222,11 +256,18 @@ class Rig:
 
     def rotation_sigma(self, name: str) -> float:
         """Sigma of the rotation about one axis, rad: root mean square over all."""
-        return float(np.sqrt(np.trace(self.pose_covariance(name)[:3, :3]) / 3))
+        return float(pose_sigmas(self.pose_covariance(name))[0])
 
     def position_sigma(self, name: str) -> float:
         """Sigma of the camera's position in one direction, m: root mean square over all."""
-        return float(np.sqrt(np.trace(self.pose_covariance(name)[3:, 3:]) / 3))
+        return float(pose_sigmas(self.pose_covariance(name))[1])
+
+
+def pose_sigmas(covariance: Floats) -> Floats:
+    """Of covariances (..., 6, 6) of steps of poses: sigmas (2, ...) of the rotation about one axis, rad, and of the
+    position in one direction, m; root mean squares over all."""
+    variances = np.diagonal(covariance, axis1=-2, axis2=-1)
+    return np.sqrt([variances[..., :3].mean(axis=-1), variances[..., 3:].mean(axis=-1)])
 
 
 def _described(placed: PlacedRectangle) -> str:
@@ -270,14 +311,57 @@ def lens_columns(every: Sequence[tuple[Rig, Camera]]) -> list[Column]:
     ]
 
 
-def _aligned(rows: Sequence[Floats]) -> list[str]:
-    """Vectors in m, to a tenth of a millimetre, their parts below one another."""
-    words = [[f"{value:.4f}" for value in row] for row in rows]
+def body_columns(rig: Rig, body: PlacedBody) -> list[Column]:
+    """Where the rectangles of a body stand on it, as every table shows them; angles of R = Rx Ry Rz (Eq. 6)."""
+    turns, shifts = body.layout_sigmas()
+    poses = [body.body_from_rect[row] for row in range(len(body.rectangles))]
+    posed = [not np.array_equal(pose.matrix(), np.eye(4)) for pose in poses]
+    positions = _aligned([pose.translation + 0.0 for pose in poses], _decimals(shifts))
+    angles = np.degrees([angles_from_rotation(pose.rotation) for pose in poses]) + 0.0
+    turned = _aligned(angles, _decimals(np.degrees(turns)))
+    seen = Counter(fit.view.rectangle for fit in rig.fits if not fit.rejected)
+    return [
+        Column(body.name, "", body.rectangles, words=True),
+        Column("position", "m", tuple(at if own else "body frame" for at, own in zip(positions, posed, strict=True))),
+        Column("position", "± mm", _unless_frame(posed, 1e3 * shifts)),
+        Column("θx θy θz", "deg", tuple(at if own else "" for at, own in zip(turned, posed, strict=True))),
+        Column("rotation", "± deg", _unless_frame(posed, np.degrees(turns))),
+        Column("Views", "", tuple(str(seen[name]) for name in body.rectangles)),
+    ]
+
+
+def body_sentence(body: PlacedBody) -> str:
+    """What a body is, how often it was seen, and how well it is known where it was, or the rig in it."""
+    what = f"{body.name}: {counted(len(body.rectangles), 'rectangle')} fixed to each other"
+    poses, covariance = body.path() if body.is_room else (body.rig_from_body, body.covariance)
+    turn, shift = (sigma_figure(float(np.median(part))) for part in pose_sigmas(covariance) * [[180 / np.pi], [1e3]])
+    doubt = f"± {shift} mm and ± {turn} deg"
+    if not len(body.framesets):
+        return f"{what}, which stand still; where they do is known to {doubt}"
+    many = counted(len(body.framesets), "frameset")
+    if not body.is_room:
+        return f"{what}, moved, seen in {many}; in the median its place in one is known to {doubt}"
+    reach = length(float(np.linalg.norm(np.ptp(poses.translation, axis=0))))
+    return (
+        f"{what}, past which the rig was carried in {many}, within {reach}; in the median the rig's place in one is "
+        f"known to {doubt}"
+    )
+
+
+def _decimals(sigmas: Floats) -> int:
+    """As many as the first digit of the smallest of sigmas has, 1 to 4."""
+    known = sigmas[sigmas > 0]
+    return int(np.clip(np.ceil(-np.log10(known.min())), 1, 4)) if len(known) else 4
+
+
+def _aligned(rows: Sequence[Floats] | Floats, decimals: int = 4) -> list[str]:
+    """Vectors, those in m to a tenth of a millimetre, their parts below one another."""
+    words = [[f"{value:.{decimals}f}" for value in row] for row in rows]
     widths = [max(map(len, part)) for part in zip(*words, strict=True)]
     return [" ".join(word.rjust(width) for word, width in zip(row, widths, strict=True)) for row in words]
 
 
-def _unless_frame(posed: Sequence[bool], sigmas: Sequence[float]) -> tuple[str, ...]:
+def _unless_frame(posed: Sequence[bool], sigmas: Sequence[float] | Floats) -> tuple[str, ...]:
     return tuple(sigma_figure(sigma) if own else "" for own, sigma in zip(posed, sigmas, strict=True))
 
 

@@ -46,9 +46,10 @@ def positions(rig: Rig) -> Floats:
 
 
 def bounds(rig: Rig) -> tuple[Floats, Floats]:
-    """Lowest and highest coordinates (3,) of cameras and rectangles."""
-    points = [positions(rig), *(outlines(placed).reshape(-1, 3) for placed in rig.rectangles)]
-    every = np.concatenate(points)
+    """Lowest and highest coordinates (3,) of cameras and rectangles; but for a room that it is carried through."""
+    around = rig.room.rectangles if rig.room is not None else ()
+    points = [outlines(placed).reshape(-1, 3) for placed in rig.rectangles if placed.name not in around]
+    every = np.concatenate([positions(rig), *points])
     every = every[np.isfinite(every).all(axis=1)]
     return every.min(axis=0), every.max(axis=0)
 

@@ -13,12 +13,12 @@ from quadrig.io.formats.format import Files, Held, Options, lens_of, pose_of, ri
 from quadrig.io.rig_file.record import recorded_marking
 from quadrig.io.safe_json import read_json as read_values
 from quadrig.rig.doubt.lens_accuracy import lens_accuracy
-from quadrig.rig.result import CAMERA_PARAMETERS, Camera, PlacedRectangle, Rig
-from quadrig.single.arrays import Floats
+from quadrig.rig.result import CAMERA_PARAMETERS, Camera, PlacedBody, PlacedRectangle, Rig, pose_sigmas
+from quadrig.single.arrays import Floats, Ints
 from quadrig.single.errors import QuadrigError
 from quadrig.single.lens import LENS_PARAMETERS, LensModel
 from quadrig.single.markings.registry import marking_values
-from quadrig.single.pose import Pose
+from quadrig.single.pose import Pose, stacked
 from quadrig.single.rectangle import PRINT_SCALE_SIGMA, Rectangle
 
 JSON_VERSION = 1
@@ -34,6 +34,7 @@ _CONVENTIONS = {
     "fisheye": "OpenCV's fisheye (Kannala-Brandt) k1 k2 k3 k4 0",
     "sigma.lens_px": "of where a point far away is seen, over the picture, whatever the pose",
     "sigma.lens": "px for focal, cx and cy; aspect is the focal along y over that along x",
+    "bodies.sigma": "of body_from_rect and of rig_from_body, root mean square over the axes; null where not known",
     "sigma.pose": "of a small rotation (rad) and translation (m) that follow rig_from_camera, in the rig frame",
 }
 
@@ -75,8 +76,34 @@ class _Rectangle(msgspec.Struct):
     rig_from_rect: list[Any]
     marking: dict[str, Any] | None = None
     framesets: list[int] | None = None
+    body: str = ""
     back: bool = False
     scale_sigma: float = PRINT_SCALE_SIGMA
+
+
+class _PoseSigma(msgspec.Struct):
+    """Sigmas of a pose, or of one for each frameset."""
+
+    rotation_deg: Any = None
+    position_m: Any = None
+
+
+class _OnBody(msgspec.Struct):
+    """Where a rectangle stands on its body: 4x4; zero sigmas where that is given, and of the body's frame."""
+
+    body_from_rect: list[list[float]]
+    sigma: _PoseSigma = msgspec.field(default_factory=_PoseSigma)
+
+
+class _Body(msgspec.Struct):
+    """Rectangles fixed to each other. rig_from_body: one pose (4x4) of what stands, one for each of `framesets` of
+    what moves; is_room: the rig is carried through it."""
+
+    rectangles: dict[str, _OnBody]
+    rig_from_body: list[Any]
+    framesets: list[int] | None = None
+    is_room: bool = False
+    sigma: _PoseSigma = msgspec.field(default_factory=_PoseSigma)
 
 
 class _Covariance(msgspec.Struct):
@@ -93,6 +120,7 @@ class _File(msgspec.Struct):
     rig_frame: str
     lens_only: dict[str, _Lens] = {}
     rectangles: dict[str, _Rectangle] = {}
+    bodies: dict[str, _Body] = {}
     working_accuracy_mm: float | None = None
     point_accuracy_mm: float | None = None
     scale_sigma: float | None = None
@@ -136,14 +164,15 @@ def read_json(path: Path) -> Held:
     figures = {"working_accuracy": working / 1e3, "point_accuracy": point / 1e3, "scale_sigma": scale}
     rectangles = (_placed(name, each, f"{path}: rectangle {name!r}") for name, each in held.rectangles.items())
     found = tuple(placed for placed in rectangles if placed is not None)
-    return Held(rig=replace(rig, **figures, apart=tuple(apart), rectangles=found))
+    bodies = tuple(_placed_body(name, each, f"{path}: body {name!r}") for name, each in held.bodies.items())
+    return Held(rig=replace(rig, **figures, apart=tuple(apart), rectangles=found, bodies=bodies))
 
 
 def _placed(name: str, held: _Rectangle, where: str) -> PlacedRectangle | None:
     """The rectangle where it stood; None where the file does not say its marking, as older ones."""
     if held.marking is None:
         return None
-    moving, many = held.framesets is not None, len(held.framesets or [()])
+    moving = held.framesets is not None
     rectangle = Rectangle(
         name,
         held.width,
@@ -152,14 +181,27 @@ def _placed(name: str, held: _Rectangle, where: str) -> PlacedRectangle | None:
         moving=moving,
         back=held.back,
         scale_sigma=held.scale_sigma,
+        body=held.body,
     )
-    matrices = np.array(held.rig_from_rect, float).reshape(many, 4, 4)
-    each = [pose_of(matrix, where) for matrix in matrices]
-    poses = Pose(np.array([pose.rotation for pose in each]), np.array([pose.translation for pose in each]))
+    return PlacedRectangle(rectangle, *_poses(held.rig_from_rect, held.framesets, where))
+
+
+def _placed_body(name: str, held: _Body, where: str) -> PlacedBody:
+    """The body where it stood, its doubt unknown."""
+    names, count = tuple(held.rectangles), len(held.rectangles)
+    layout, _, _ = _poses([one.body_from_rect for one in held.rectangles.values()], list(range(count)), where)
+    unknown = np.full((6 * count, 6 * count), np.nan)
+    return PlacedBody(name, names, layout, unknown, *_poses(held.rig_from_body, held.framesets, where))
+
+
+def _poses(matrices: list[Any], framesets: list[int] | None, where: str) -> tuple[Pose, Floats, Ints]:
+    """A pose, or one for each frameset, with covariances that nobody knows."""
+    many = 1 if framesets is None else len(framesets)
+    poses = stacked([pose_of(matrix, where) for matrix in np.array(matrices, float).reshape(many, 4, 4)])
     unknown = np.full((many, 6, 6), np.nan)
-    if not moving:
-        return PlacedRectangle(rectangle, poses[0], unknown[0])
-    return PlacedRectangle(rectangle, poses, unknown, np.array(held.framesets, int))
+    if framesets is None:
+        return poses[0], unknown[0], np.zeros(0, int)
+    return poses, unknown, np.array(framesets, int)
 
 
 def _rig_of(cameras: Mapping[str, _Lens], poses: Mapping[str, Pose], frame: str, path: Path) -> Rig:
@@ -192,6 +234,7 @@ def rig_values(rig: Rig, *, covariance: bool = False) -> dict[str, Any]:
         "point_accuracy_mm": 1e3 * rig.point_accuracy,
         "scale_sigma": rig.scale_sigma,
         "rectangles": {placed.name: _rectangle_values(placed) for placed in rig.rectangles},
+        "bodies": {body.name: _body_values(body) for body in rig.bodies},
     }
     if not covariance:
         return values
@@ -241,11 +284,31 @@ def _rectangle_values(placed: PlacedRectangle) -> dict[str, Any]:
         "width": placed.rectangle.width,
         "height": placed.rectangle.height,
         "marking": marking_values(placed.rectangle.marking),
+        "body": placed.rectangle.body,
         "back": placed.rectangle.back,
         "scale_sigma": placed.rectangle.scale_sigma,
         "rig_from_rect": placed.rig_from_rect.matrix(),
     }
     return {**values, "framesets": np.asarray(placed.framesets)} if placed.rectangle.moving else values
+
+
+def _body_values(body: PlacedBody) -> dict[str, Any]:
+    layout = body.layout_sigmas()
+    values = {
+        "rectangles": {
+            name: {"body_from_rect": body.body_from_rect[row].matrix(), "sigma": _pose_sigma(layout[:, row])}
+            for row, name in enumerate(body.rectangles)
+        },
+        "is_room": body.is_room,
+        "rig_from_body": body.rig_from_body.matrix(),
+        "sigma": _pose_sigma(pose_sigmas(body.covariance)),
+    }
+    return {**values, "framesets": np.asarray(body.framesets)} if len(body.framesets) else values
+
+
+def _pose_sigma(sigmas: Floats) -> dict[str, Any]:
+    """Of rotation, rad, and position, m, (2, ...)."""
+    return {"rotation_deg": np.degrees(sigmas[0]), "position_m": sigmas[1]}
 
 
 def _joint_covariance(held: _Covariance, cameras: Mapping[str, _Lens], path: Path) -> Floats:

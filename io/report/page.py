@@ -5,8 +5,10 @@ from html import escape
 
 from quadrig.io.drawing.palette import hexadecimal, rig_colours
 from quadrig.io.drawing.tables import html_table
+from quadrig.io.drawing.things import things
 from quadrig.io.plain_words import plain
 from quadrig.io.report import plots
+from quadrig.io.report.body_section import body_section
 from quadrig.io.report.camera_section import camera_section
 from quadrig.io.report.figures import figures
 from quadrig.io.report.style import STYLE
@@ -29,7 +31,8 @@ def report_html(held: RigFile, name: str = "") -> str:
     """The whole page. name: of the rig's file."""
     rig = held.rig
     parts = [_head(held, name), _verdict(rig), _cameras_table(rig)]
-    parts += [_room(rig)] if len(rig.cameras) > 1 else []
+    parts += [_placed(rig)] if len(rig.cameras) > 1 else []
+    parts += [body_section(rig, body) for body in rig.bodies]
     parts += [
         _evidence(rig),
         f"<h2>Each camera</h2><p>{_POSES}</p>",
@@ -97,13 +100,14 @@ def _cameras_table(rig: Rig) -> str:
     return f"<h2>Cameras</h2><p>{escape(summary(rig))}. {ONE_SIGMA}</p>{html_table(columns, marks)}"
 
 
-def _room(rig: Rig) -> str:
+def _placed(rig: Rig) -> str:
     plan = plots.level_view(rig, (0, 1), "the rig from above", ("right, m", "ahead, m"))
     side = plots.level_view(rig, (0, 2), "the rig from behind", ("right, m", "up, m"))
     drawn = figures(("From above.", plan), ("From behind the cameras.", side))
+    moved = " Grey rectangles stand, green ones were moved." if things(rig) else ""
     return (
         f'<h2>The rig</h2><div class="row">{drawn}</div><p>{escape(plots.doubt_sentence(rig))} Up is where the '
-        "pictures have it. Grey rectangles stand, green ones were moved.</p>"
+        f"pictures have it.{moved}</p>"
     )
 
 

@@ -4,7 +4,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from quadrig.io.drawing.geometry import ellipsoid, extent, level_axes, magnification, outlines, positions
+from quadrig.io.drawing.geometry import (
+    ellipsoid,
+    extent,
+    level_axes,
+    magnification,
+    positions,
+    round_down,
+)
 from quadrig.io.drawing.palette import FAULT, FINE, MOVING, PREDICTED, STATIC, Colour, hexadecimal, rig_colours
 from quadrig.io.drawing.rig_figures import (
     arrow_scale,
@@ -15,11 +22,13 @@ from quadrig.io.drawing.rig_figures import (
     residual_histogram,
 )
 from quadrig.io.drawing.svg import LETTER, Plot
+from quadrig.io.drawing.things import RoomMap, things
 from quadrig.rig.doubt.disagreement import disagreements
 from quadrig.rig.doubt.residual_field import COLUMNS, ROWS, residual_field
 from quadrig.rig.doubt.verdict import contradiction_limit
 from quadrig.rig.result import Camera, PlacedRectangle, Rig
 from quadrig.single.arrays import Floats
+from quadrig.single.pose import Pose
 
 # A report shows a share of very many residuals: 1500 arrows fill a picture, and its file stays small.
 _MOST_ARROWS = 1500
@@ -35,31 +44,65 @@ _ROW = 24
 def level_view(rig: Rig, rows: tuple[int, int], title: str, labels: tuple[str, str]) -> str:
     """The rig on two of its level axes (right, ahead, up): cameras with their view and doubt, rectangles."""
     axes = level_axes(rig)[list(rows)]
-    every = np.concatenate([positions(rig), *(outlines(p).reshape(-1, 3) for p in rig.rectangles)]) @ axes.T
+    shown = things(rig)
+    every = np.concatenate([positions(rig), *(thing.rings.reshape(-1, 3) for thing in shown)]) @ axes.T
     every = every[np.isfinite(every).all(axis=1)]
     size, doubt_scale = extent(rig), magnification(rig)
     margin = 0.12 * size
     low, high = every.min(axis=0) - margin, every.max(axis=0) + margin
     plot = Plot((low[0], high[0]), (low[1], high[1]), _WIDTH, 340, labels[0], labels[1], equal=True)
-    for placed in rig.rectangles:
-        colour = hexadecimal(MOVING if placed.rectangle.moving else STATIC)
-        rings = outlines(placed)
-        step = max(1, len(rings) // _MOST_OUTLINES)
-        for ring in rings[::step]:
-            plot.line(ring @ axes.T, colour, 0.6 if placed.rectangle.moving else 2.0)
-        if not placed.rectangle.moving:
-            shown = rings[0] @ axes.T
-            plot.text((shown[:, 0].mean(), shown[:, 1].max()), placed.name, colour)
+    for thing in shown:
+        colour = hexadecimal(MOVING if thing.moves else STATIC)
+        step = -(-thing.rings[..., 0, 0].size // _MOST_OUTLINES)
+        for ring in thing.rings[::step].reshape(-1, 5, 3):
+            plot.line(ring @ axes.T, colour, 0.6 if thing.moves else 2.0)
+        if not thing.moves:
+            _draw_name(plot, thing.rings[0, 0] @ axes.T, thing.name, colour)
     for camera, colour in zip(rig.cameras, rig_colours(rig).values(), strict=True):
-        _draw_camera(plot, camera, colour, axes, 0.09 * size)
+        _draw_camera(plot, camera, camera.rig_from_camera, colour, axes, 0.09 * size)
         covariance = doubt_scale**2 * rig.pose_covariance(camera.name)[3:, 3:]
-        _draw_ellipse(plot, camera, colour, axes, covariance)
+        at = camera.rig_from_camera.translation @ axes.T
+        _draw_ellipse(plot, at, colour, axes, covariance)
+        plot.dots(at[None], hexadecimal(colour), 2.5)
+        plot.text(at, camera.name, hexadecimal(colour), below=True)
     return plot.svg(title)
 
 
-def _draw_camera(plot: Plot, camera: Camera, colour: Colour, axes: Floats, size: float) -> None:
-    """A camera with its view, so many metres long."""
-    lens, pose = camera.intrinsics, camera.rig_from_camera
+def room_view(rig: Rig, room: RoomMap, rows: tuple[int, int], title: str, labels: tuple[str, str]) -> str:
+    """The room that a rig was carried through, on two of its level axes: what hangs in it with its doubt, the path of
+    the rig, and the rig where it began."""
+    axes, path = room.axes[list(rows)], hexadecimal(PREDICTED)
+    every, margin = room.points() @ axes.T, 0.1 * room.extent
+    low, high = every.min(axis=0) - margin, every.max(axis=0) + margin
+    plot = Plot((low[0], high[0]), (low[1], high[1]), _WIDTH, 400, labels[0], labels[1], equal=True)
+    scale = room_scale(room)
+    for name, ring, covariance in zip(room.names, room.rings, room.covariances, strict=True):
+        _draw_ellipse(plot, ring[:4].mean(axis=0) @ axes.T, STATIC, axes, scale**2 * covariance)
+        plot.line(ring @ axes.T, hexadecimal(STATIC), 2.5)
+        # Seen from the side walls lie behind one another, and so would names.
+        if 2 not in rows:
+            _draw_name(plot, ring @ axes.T, name, hexadecimal(STATIC))
+    for stretch in room.stretches():
+        plot.line(stretch @ axes.T, path, 1.2)
+    plot.dots(room.room_from_rig.translation[:1] @ axes.T, path, 3)
+    for camera, colour in zip(rig.cameras, rig_colours(rig).values(), strict=True):
+        _draw_camera(plot, camera, room.room_from_rig[0] @ camera.rig_from_camera, colour, axes, 0.08 * room.extent)
+    return plot.svg(title)
+
+
+def room_scale(room: RoomMap) -> float:
+    """How many times larger than they are doubts are drawn in a map."""
+    largest = max((ellipsoid(one)[0].max() for one in room.covariances), default=0.0)
+    return max(round_down(0.04 * room.extent / largest), 1.0) if largest > 0 else 1.0
+
+
+def _draw_name(plot: Plot, ring: Floats, name: str, colour: str) -> None:
+    plot.text((ring[:, 0].mean(), ring[:, 1].max()), name, colour)
+
+
+def _draw_camera(plot: Plot, camera: Camera, pose: Pose, colour: Colour, axes: Floats, size: float) -> None:
+    """A camera at a pose with its view, so many metres long."""
+    lens = camera.intrinsics
     sides = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * [lens.width / 2, lens.height / 2] / lens.focal
     tips = pose.transform(size * np.column_stack([sides, np.ones(4)])) @ axes.T
     eye = pose.translation @ axes.T
@@ -67,16 +110,13 @@ def _draw_camera(plot: Plot, camera: Camera, colour: Colour, axes: Floats, size:
     plot.segments(np.tile(eye, (4, 1)), tips, hexadecimal(colour), 1.2)
 
 
-def _draw_ellipse(plot: Plot, camera: Camera, colour: Colour, axes: Floats, covariance: Floats) -> None:
-    """A camera's name and position, and the ellipse of a covariance (3, 3) of the position."""
-    eye = camera.rig_from_camera.translation @ axes.T
+def _draw_ellipse(plot: Plot, at: Floats, colour: Colour, axes: Floats, covariance: Floats) -> None:
+    """The ellipse of the covariance (3, 3) of a position (2,)."""
     if np.isfinite(covariance).all():
         sizes, directions = np.linalg.eigh(axes @ covariance @ axes.T)
         angle = np.linspace(0, 2 * np.pi, 40)
         ring = np.stack([np.cos(angle), np.sin(angle)], axis=1) * np.sqrt(np.maximum(sizes, 0))
-        plot.line(eye + ring @ directions.T, hexadecimal(colour), 1.0, closed=True, fill=hexadecimal(colour) + "40")
-    plot.dots(eye[None], hexadecimal(colour), 2.5)
-    plot.text(eye, camera.name, hexadecimal(colour), below=True)
+        plot.line(at + ring @ directions.T, hexadecimal(colour), 1.0, closed=True, fill=hexadecimal(colour) + "40")
 
 
 def graph(rig: Rig) -> str:

@@ -10,7 +10,7 @@ from quadrig.io.report.terminal import print_sentence, print_table
 from quadrig.rig.doubt.lens_accuracy import lens_accuracy
 from quadrig.rig.doubt.verdict import verdict
 from quadrig.rig.doubt.weaknesses import coverage
-from quadrig.rig.result import Camera, Rig, camera_columns, lens_columns
+from quadrig.rig.result import Camera, Rig, body_columns, body_sentence, camera_columns, lens_columns
 from quadrig.rig.words import ONE_SIGMA, Column, counted, figure, sigma_figure
 from quadrig.single.lens import LENS_PARAMETERS
 
@@ -27,6 +27,10 @@ def print_rig(rig: Rig, where: Console | None = None) -> None:
     alone = lenses_alone(rig)
     if alone:
         print_table([*lens_columns(alone), *lens_figures(alone)], where, "lens only" if rig.apart else "")
+    for body in rig.bodies:
+        where.print()
+        print_sentence(body_sentence(body), where)
+        print_table(body_columns(rig, body), where)
     if rig.is_doubt_known:
         print_sentence(ONE_SIGMA, where)
     if judged.weak:

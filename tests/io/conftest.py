@@ -18,6 +18,12 @@ def example_rig(example) -> Rig:
 
 
 @pytest.fixture(scope="session")
+def carried_rig(load_script, example_rig) -> Rig:
+    """The same cameras, carried through a hall."""
+    return load_script("tests/io/made_up_rig.py").carried(example_rig)
+
+
+@pytest.fixture(scope="session")
 def example_config() -> str:
     """The rig.toml of the made-up Rig."""
     return 'reference = "cam0"\n\n[[rectangle]]\nname = "board"\nwidth = 0.3\nheight = 0.24\nmoving = true\n'

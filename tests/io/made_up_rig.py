@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from quadrig.rig.result import Camera, PlacedRectangle, Rig, ViewFit
+from quadrig.rig.result import Camera, PlacedBody, PlacedRectangle, Rig, ViewFit
 from quadrig.single.lens import Intrinsics
 from quadrig.single.markings.charuco import CharucoMarking
 from quadrig.single.markings.tag import TagMarking
@@ -131,6 +131,31 @@ def make_rig(seed: int = 1) -> tuple[Rig, list[Camera], list[PlacedRectangle]]:
     step = np.where(free, rng.multivariate_normal(np.zeros(len(covariance)), covariance), 0.0)
     found_cameras, found_rectangles = stepped(cameras, rectangles, step)
     return _rig(found_cameras, found_rectangles, covariance, views), cameras, rectangles
+
+
+def carried(rig: Rig) -> Rig:
+    """The same cameras, carried from left to right through a hall with four sheets on its walls."""
+    names = ("north", "east", "south", "west")
+    angles = np.pi / 2 * np.arange(4)
+    facing = np.stack([np.sin(angles), np.zeros(4), np.cos(angles)], axis=1)
+    hall_from_sheet = Pose.from_vectors(np.outer(angles, [0.0, 1.0, 0.0]), 3.0 * facing)
+    across = np.stack([np.linspace(-1, 1, FRAMESETS), np.zeros(FRAMESETS), np.zeros(FRAMESETS)], axis=1)
+    hall_from_rig = Pose.from_vectors(0.3 * across[:, [1, 0, 2]], across)
+    rig_from_hall, framesets = hall_from_rig.inverse(), np.arange(FRAMESETS)
+    sigmas = np.repeat([1e-3, 2e-3], 3)
+    doubt = np.tile(np.diag(sigmas**2), (FRAMESETS, 1, 1))
+    placed = tuple(
+        PlacedRectangle(
+            Rectangle(name, 0.297, 0.21, TagMarking("apriltag_36h11", row), moving=True, body="hall"),
+            rig_from_hall @ hall_from_sheet[row],
+            doubt,
+            framesets,
+        )
+        for row, name in enumerate(names)
+    )
+    layout = np.diag(np.concatenate([np.zeros(6), np.tile(sigmas**2, 3)]))
+    body = PlacedBody("hall", names, hall_from_sheet, layout, rig_from_hall, doubt, framesets)
+    return replace(rig, rectangles=placed, bodies=(body,), fits=())
 
 
 def _rig(cameras, rectangles, covariance, views) -> Rig:

@@ -19,7 +19,7 @@ import yaml
 from quadrig.io.formats.format import Options, plain_names
 from quadrig.io.formats.maps import ideal_rig, undistortion_map
 from quadrig.io.formats.registry import FORMATS, export_files, export_rig
-from quadrig.io.formats.rig_json import json_schema
+from quadrig.io.formats.rig_json import json_schema, json_text, read_json, rig_values
 from quadrig.io.formats.ros import from_roll_pitch_yaw, roll_pitch_yaw
 from quadrig.rig.result import Camera, Rig
 from quadrig.single.errors import QuadrigError
@@ -505,3 +505,23 @@ def test_every_format_takes_every_name(form, pinholes, tmp_path):
         assert len(changed) == 4
         assert all("/" not in file and "\n" not in file for file in done.files)
     assert len(done.files) == len({file.casefold() for file in done.files})
+
+
+def test_json_holds_bodies_with_their_sigmas(carried_rig, tmp_path):
+    (hall,) = carried_rig.bodies
+    values = json.loads(json_text(rig_values(carried_rig)))["bodies"]["hall"]
+    assert values["is_room"]
+    assert values["framesets"] == list(range(12))
+    assert values["rectangles"]["north"]["sigma"] == {"rotation_deg": 0, "position_m": 0}
+    assert values["rectangles"]["west"]["sigma"]["position_m"] == pytest.approx(2e-3)
+    assert values["sigma"]["rotation_deg"] == pytest.approx([np.degrees(1e-3)] * 12)
+    path = tmp_path / "rig.json"
+    path.write_text(json_text(rig_values(carried_rig)))
+    again = read_json(path).rig
+    assert again is not None
+    assert [placed.rectangle.body for placed in again.rectangles] == ["hall"] * 4
+    (back,) = again.bodies
+    np.testing.assert_allclose(back.rig_from_body.matrix(), hall.rig_from_body.matrix(), atol=1e-12)
+    np.testing.assert_allclose(back.body_from_rect.matrix(), hall.body_from_rect.matrix(), atol=1e-12)
+    assert again.room is back
+    assert np.isnan(back.layout_covariance).all()
