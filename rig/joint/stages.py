@@ -258,7 +258,8 @@ def _least_squares_stage(
         again = inliers_of(seen, found.linearised.squares, found.state, free, noise)
         state, values = _moved(errors, values, observations, used, found, free, before, end.bordered)
         priors, free = _weighed(problem, priors, free, replace(found, state=state), end.covariance)
-        if end.bordered.fall < _NEAR:
+        if end.bordered.fall < _NEAR and border is None:
+            # All derivatives are of one state here: what is learned of mixed ones jumps from round to round.
             errors = errors.with_learned_fields(end.bordered.data_information, end.bordered.data_pull)
         seen = errors.corrected(observations, values)
         same = abs(np.log(noise / before)) < _SETTLED_NOISE and np.abs(priors.kinds - kinds).max() < _SAME_CLASSES
