@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from quadrig.rig.blas_threads import one_thread
+from quadrig.rig.culprits.bodies import apart, loose_rectangle, suspects
 from quadrig.rig.culprits.cameras import Solve, contradicting_camera, why_it_contradicts
 from quadrig.rig.culprits.lenses import freed, lens_sentences, wrong_lenses
 from quadrig.rig.culprits.pictures import no_pictures, set_aside, size_sentences
@@ -25,6 +26,8 @@ from quadrig.single.view import View
 
 # More sizes than these are not wrong by mistake.
 _MOST_WRONG_SIZES = 3
+# Of rectangles that may have moved on their body so many are tried, those first of which most Views were rejected.
+_MOST_LOOSE = 3
 
 
 def calibrate(
@@ -119,10 +122,11 @@ def _rigs(problem: Problem, order: Sequence[str], reference: str | None) -> list
                 own = [i for i in numbers if (part.cameras[i].name in solved.names) is loose]
                 rigs += _rigs(of_cameras(part, own), order, reference)
             continue
+        solved, loose = _with_loose_rectangles(solved, frame)
         solved, sizes = _with_sizes(solved, frame)
         covariance = camera_covariance(solved.joint, solved.joint.covariance)
         rig = assemble_rig(solved.problem, solved.joint, solved.first, covariance, frame, placed)
-        accused = (*sizes, *lens_sentences(part.cameras, wrong_lenses(solved), rig), *size_sentences(rig))
+        accused = (*loose, *sizes, *lens_sentences(part.cameras, wrong_lenses(solved), rig), *size_sentences(rig))
         rigs.append(replace(rig, weak=(*accused, *rig.weak)))
     return rigs
 
@@ -143,6 +147,21 @@ def _groups_in_step(problem: Problem) -> list[list[int]]:
         return groups_in_step(problem, first_cameras(problem).candidates)
     except np.linalg.LinAlgError:
         return [[index] for index in range(len(problem.cameras))]
+
+
+def _with_loose_rectangles(solved: Solved, frame: str) -> tuple[Solved, list[str]]:
+    """The rig with rectangles that moved on their body, or do not stand on it as given, by themselves; and what to
+    say."""
+    said: list[str] = []
+    for name in suspects(solved)[:_MOST_LOOSE]:
+        if name == frame:
+            continue
+        again = _solved(apart(solved.problem, name), frame)
+        found = loose_rectangle(name, solved, again) if isinstance(again, Solved) else None
+        if found is not None and isinstance(again, Solved):
+            said.append(found.sentence)
+            solved = again
+    return solved, said
 
 
 def _with_sizes(solved: Solved, frame: str) -> tuple[Solved, list[str]]:

@@ -49,6 +49,8 @@ def planar_poses(points: Floats, rays: Floats, weights: Floats | None = None) ->
         homography = homographies(points[..., :2], plane, weights)
     known = np.isfinite(homography).all(axis=(-1, -2))
     safe = known[..., None]
+    # What determines no pose is solved as if it were seen straight on: nothing is singular, and its errors say so.
+    plane = np.where(safe[..., None], plane, points[..., :2])
     found = _in_plane(np.where(safe[..., None], homography, np.eye(3)), points, plane, np.where(safe, weights, 1.0))
     return PlanarPoses(
         Pose(towards[..., None, :, :], np.zeros((*known.shape, 1, 3))) @ found.camera_from_rect,

@@ -129,3 +129,14 @@ def test_errors_are_those_of_the_reprojection():
         expected = np.sqrt((weights * square).sum(axis=1) / weights.sum(axis=1))
         np.testing.assert_allclose(found.errors[before, k], expected[before], rtol=1e-6)
         assert np.isinf(found.errors[~before, k]).all()
+
+
+def test_a_view_without_rays_spoils_no_other():
+    """All of its points may lie where a lens has no rays: its errors are infinite, those of the others as before."""
+    points = np.array([[0.1, 0.1, 0], [-0.1, 0.1, 0], [-0.1, -0.1, 0], [0.1, -0.1, 0]])
+    seen = points + np.array([0.05, 0.02, 1.0])
+    rays = np.stack([seen / np.linalg.norm(seen, axis=1, keepdims=True), np.full((4, 3), np.nan)])
+    found = planar_poses(np.stack([points, points]), rays)
+    assert np.isinf(found.errors[1]).all()
+    assert found.errors[0, 0] < 1e-9
+    np.testing.assert_allclose(found.camera_from_rect.translation[0, 0], [0.05, 0.02, 1.0], atol=1e-9)
