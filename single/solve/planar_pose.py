@@ -47,7 +47,7 @@ def planar_poses(points: Floats, rays: Floats, weights: Floats | None = None) ->
     with np.errstate(divide="ignore", invalid="ignore"):
         plane = np.where(weights[..., None] > 0, turned[..., :2] / turned[..., 2:], 0.0)
         homography = homographies(points[..., :2], plane, weights)
-    known = np.isfinite(homography).all(axis=(-1, -2))
+    known = np.asarray(np.isfinite(homography).all(axis=(-1, -2)))
     safe = known[..., None]
     # What determines no pose is solved as if it were seen straight on: nothing is singular, and its errors say so.
     plane = np.where(safe[..., None], plane, points[..., :2])
