@@ -123,6 +123,12 @@ def first_eye(rig: Rig) -> Eye:
     return Eye(middle - 0.62 * size * ahead + 0.25 * size * right + 0.5 * size * up, middle, up)
 
 
+def foot(rings: Floats, eye: Eye) -> Floats:
+    """Below the middle of outlines (K, 5, 3), where their lowest corner ends: a name there covers none of them."""
+    middle = rings[:, :4].mean(axis=(0, 1))
+    return middle + ((rings - middle) @ eye.up).min() * eye.up
+
+
 # A name's width, for each letter and beyond, and height, in tangents of a view of 55 degrees and some 460 points.
 _LETTER, _MARGIN, _LINE = 0.019, 0.045, 0.06
 

@@ -94,7 +94,7 @@ class RoomMap:
         """From high above one side, into it."""
         points, (right, ahead, up) = self.points(), self.axes
         middle = (points.min(axis=0) + points.max(axis=0)) / 2
-        return Eye(middle + self.extent * (0.12 * right - 0.52 * ahead + 0.62 * up), middle, up)
+        return Eye(middle + self.extent * (0.1 * right - 0.44 * ahead + 0.52 * up), middle, up)
 
 
 def room_map(rig: Rig, body: PlacedBody) -> RoomMap:

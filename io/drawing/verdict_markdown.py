@@ -3,10 +3,11 @@
 from quadrig.io.drawing.geometry import magnification
 from quadrig.io.drawing.tables import markdown_table
 from quadrig.rig.doubt.verdict import verdict
-from quadrig.rig.result import Rig, camera_columns
+from quadrig.rig.result import Rig, body_sentence, camera_columns
 from quadrig.rig.words import ONE_SIGMA
 
-_MARK = {"good": "✔", "with care": "▲", "not yet": "✘"}
+# Each is a sign of the viewer's font: without a screen it breaks off at any other.
+_MARK = {"good": "✔", "with care": "▲", "not yet": "×"}
 
 
 def verdict_markdown(rig: Rig) -> str:
@@ -15,6 +16,8 @@ def verdict_markdown(rig: Rig) -> str:
     lines = [f"### {_MARK[judged.grade]} {judged.headline}", "", *([judged.holds, ""] if judged.holds else [])]
     # The table stands before the lists: however long they are, it is in view.
     lines += [*markdown_table(camera_columns(rig)), "", ONE_SIGMA, ""]
+    for body in rig.bodies:
+        lines += [body_sentence(body) + ".", ""]
     lines += _listed("What is weak, and what to do", judged.weak) if judged.weak else ["Nothing is weak.", ""]
     lines += [*_listed("Why", judged.good), *_legend(rig)]
     return "\n".join(lines)

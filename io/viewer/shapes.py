@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 import rerun as rr
+import rerun.blueprint as rrb
 
 from quadrig.io.drawing.geometry import ellipsoid
 from quadrig.io.drawing.palette import Colour
@@ -62,3 +63,28 @@ def doubt_ellipsoid(
 def named_points(names: Sequence[str], positions: Floats, colours: Sequence[Colour]) -> rr.Points3D:
     """Points (N, 3) with their names."""
     return rr.Points3D(positions, radii=rr.Radius.ui_points(1.5), colors=colours, labels=names, show_labels=True)
+
+
+def outline(rings: Floats, colour: Colour, radius: float) -> rr.LineStrips3D:
+    """Closed outlines (K, 5, 3), their lines so many points in half width."""
+    return rr.LineStrips3D(list(rings), colors=[colour], radii=rr.Radius.ui_points(radius))
+
+
+def faces(rings: Floats, colour: Colour) -> rr.Mesh3D:
+    """What lies inside of outlines (K, 5, 3), half transparent, seen from both sides."""
+    two = np.array([[0, 1, 2], [0, 2, 3], [2, 1, 0], [3, 2, 0]])
+    triangles = (4 * np.arange(len(rings))[:, None, None] + two).reshape(-1, 3)
+    return rr.Mesh3D(
+        vertex_positions=rings[:, :4].reshape(-1, 3), triangle_indices=triangles, albedo_factor=[*colour, 90]
+    )
+
+
+def level_grid(points: Floats, up: Floats, size: float) -> rrb.LineGrid3D:
+    """A level grid under points (N, 3), its spacing a round share of what is so many metres large."""
+    return rrb.LineGrid3D(
+        visible=True,
+        spacing=float(10.0 ** np.round(np.log10(size / 10))),
+        plane=rr.components.Plane3D(normal=up, distance=float((points @ up).min())),
+        stroke_width=0.7,
+        color=(90, 95, 105, 120),
+    )

@@ -33,7 +33,12 @@ def lens_accuracy(rig: Rig, name: str) -> float:
 
 
 def accuracy_in_words(rig: Rig) -> str:
-    """What a rig is good for: points in the volume it covered; directions, where it is of one camera."""
+    """What a rig is good for: points in the volume it covered; where its cameras are, if it is carried and no two of
+    them see one place; directions, where it is of one camera."""
+    if len(rig.cameras) > 1 and _poses_alone(rig):
+        shift = max(rig.position_sigma(camera.name) for camera in rig.cameras)
+        turn = np.degrees(max(rig.rotation_sigma(camera.name) for camera in rig.cameras))
+        return f"where its cameras are, to {length(shift)} and {turn:.2g} degrees (no two of them see one place)"
     if len(rig.cameras) > 1:
         return f"{length(rig.working_accuracy)} in the volume you covered"
     camera = next(iter(rig.cameras))
@@ -45,8 +50,14 @@ def accuracy_in_words(rig: Rig) -> str:
 
 
 def is_determined(rig: Rig) -> bool:
-    """Whether a rig has the figure that heads it: of points, or of directions where it is of one camera."""
+    """Whether a rig has the figure that heads it: of points, of poses where it is carried, or of directions where it
+    is of one camera."""
     if len(rig.cameras) > 1:
-        return bool(np.isfinite(rig.working_accuracy))
+        return bool(np.isfinite(rig.working_accuracy)) or _poses_alone(rig)
     # A lens that was only given has no sigma.
     return bool(0 < lens_accuracy(rig, next(iter(rig.cameras)).name) < np.inf)
+
+
+def _poses_alone(rig: Rig) -> bool:
+    """Whether a rig is carried and no point is seen by two of its cameras, so that poses are all that it is for."""
+    return rig.room is not None and rig.is_doubt_known and not np.isfinite(rig.working_accuracy)

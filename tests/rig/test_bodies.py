@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from quadrig.rig.calibration import calibrate
+from quadrig.rig.doubt.verdict import verdict
 from quadrig.rig.problem.camera_input import CameraInput
 from quadrig.single.errors import QuadrigError
 from quadrig.single.lens import Intrinsics, image_middle
@@ -160,3 +161,14 @@ def test_boards_on_a_real_body_stand_where_another_tool_has_them(load_script, sh
         assert np.linalg.norm(step[3:]) < 1e-3
         assert np.degrees(np.linalg.norm(step[:3])) < 0.07
         assert np.sqrt(np.diag(covariance)[3:]).max() < 1e-3
+
+
+def test_a_carried_rig_is_good_for_its_poses(walk, box):
+    _, rig = walk
+    judged = verdict(rig)
+    assert judged.grade == "good"
+    assert "where its cameras are, to" in judged.headline
+    assert "no two of them see one place" in judged.headline
+    assert rig.room is rig.bodies[0]
+    assert box[1].room is None
+    assert "volume" in verdict(box[1]).headline

@@ -1,14 +1,14 @@
 """How a rig is looked at: space and pictures on the left, verdict, graph and residuals on the right."""
 
 import numpy as np
-import rerun as rr
 import rerun.blueprint as rrb
 
 from quadrig.io.drawing.geometry import bounds, extent, first_eye, positions
 from quadrig.io.drawing.rig_figures import arrow_scale
 from quadrig.io.viewer.inspect.graph import graph_view
+from quadrig.io.viewer.inspect.room import room_view
+from quadrig.io.viewer.shapes import level_grid
 from quadrig.rig.result import Camera, Rig
-from quadrig.single.arrays import Floats
 
 # So much of a picture's size is seen around it: its frame stays in view.
 _MARGIN = 0.02
@@ -33,7 +33,7 @@ def rig_blueprint(rig: Rig) -> rrb.Blueprint:
     verdict = rrb.TextDocumentView(origin="verdict", name="verdict")
     return rrb.Blueprint(
         rrb.Horizontal(
-            rrb.Vertical(space_view(rig), rrb.Grid(*pictures, grid_columns=columns), row_shares=[3, 2]),
+            rrb.Vertical(_spaces(rig), rrb.Grid(*pictures, grid_columns=columns), row_shares=[3, 2]),
             rrb.Vertical(verdict, graph_view(rig), residuals, row_shares=[10, 4, 7]),
             column_shares=[5, 4],
         ),
@@ -41,6 +41,13 @@ def rig_blueprint(rig: Rig) -> rrb.Blueprint:
         rrb.SelectionPanel(state="hidden"),
         rrb.BlueprintPanel(state="hidden"),
     )
+
+
+def _spaces(rig: Rig) -> rrb.Spatial3DView | rrb.Tabs:
+    """The rig in space; where it was carried, behind the room with its path."""
+    if rig.room is None:
+        return space_view(rig)
+    return rrb.Tabs(room_view(rig, rig.room), space_view(rig), active_tab=0)
 
 
 def _picture(camera: Camera, origin: str, name: str) -> rrb.Spatial2DView:
@@ -61,22 +68,8 @@ def space_view(rig: Rig) -> rrb.Spatial3DView:
         origin="space",
         name=f"rig frame: {rig.reference}",
         contents=["+ space/**", *hidden],
-        line_grid=_floor(rig, eye.up),
+        line_grid=level_grid(np.concatenate([positions(rig), np.array(bounds(rig))]), eye.up, extent(rig)),
         eye_controls=rrb.EyeControls3D(position=eye.position, look_target=eye.target, eye_up=eye.up),
-    )
-
-
-def _floor(rig: Rig, up: Floats) -> rrb.LineGrid3D:
-    """A level grid under everything."""
-    corners = np.concatenate([positions(rig), np.array(bounds(rig))])
-    height = float((corners @ up).min())
-    spacing = 10.0 ** np.round(np.log10(extent(rig) / 10))
-    return rrb.LineGrid3D(
-        visible=True,
-        spacing=float(spacing),
-        plane=rr.components.Plane3D(normal=up, distance=height),
-        stroke_width=0.7,
-        color=(90, 95, 105, 120),
     )
 
 

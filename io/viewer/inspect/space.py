@@ -5,11 +5,12 @@ from collections.abc import Sequence
 import numpy as np
 import rerun as rr
 
-from quadrig.io.drawing.geometry import Eye, apart, extent, first_eye, magnification, outlines, positions
+from quadrig.io.drawing.geometry import apart, extent, first_eye, foot, magnification, positions
 from quadrig.io.drawing.palette import MOVED, MOVING, STATIC, Colour
+from quadrig.io.drawing.things import Thing, things
 from quadrig.io.viewer.inspect.timeline import framesets_of, set_frameset
-from quadrig.io.viewer.shapes import doubt_ellipsoid, frustum, named_points, transform
-from quadrig.rig.result import Camera, PlacedRectangle, Rig
+from quadrig.io.viewer.shapes import doubt_ellipsoid, faces, frustum, named_points, outline, transform
+from quadrig.rig.result import Camera, Rig
 from quadrig.single.arrays import Floats
 from quadrig.single.pose import Pose
 
@@ -25,9 +26,10 @@ def log_space(recording: rr.RecordingStream, rig: Rig, colours: dict[str, Colour
         ellipsoid = doubt_ellipsoid(rig, camera, (*colour, 150), magnified)
         if ellipsoid is not None:
             recording.log(f"space/doubt/{camera.name}", ellipsoid, static=True)
-    for placed in rig.rectangles:
-        _log_rectangle(recording, rig, placed, times)
-    _log_names(recording, rig, colours, times)
+    shown = things(rig)
+    for thing in shown:
+        _log_thing(recording, rig, thing, times)
+    _log_names(recording, rig, shown, colours, times)
 
 
 def log_frustum(
@@ -39,41 +41,53 @@ def log_frustum(
     recording.log(path, frustum(camera.intrinsics, colour, 0.1 * size, 0.003 * size), static=True)
 
 
-def _log_rectangle(recording: rr.RecordingStream, rig: Rig, placed: PlacedRectangle, times: Sequence[int]) -> None:
-    path = f"space/rectangles/{placed.name}"
-    rings = outlines(placed)
-    if not placed.rectangle.moving:
-        recording.log(path, _outline(rings[0], STATIC, 2.5), static=True)
+def _log_thing(recording: rr.RecordingStream, rig: Rig, thing: Thing, times: Sequence[int]) -> None:
+    """A rectangle, or the rectangles of a body as the faces of one thing, and faintly all places where it was."""
+    path = f"space/rectangles/{thing.name}"
+    if not thing.moves:
+        recording.log(path, outline(thing.rings[0], STATIC, 2.5), static=True)
         return
-    faint = rr.LineStrips3D(list(rings), colors=[MOVED], radii=rr.Radius.ui_points(0.6))
-    recording.log(f"space/everywhere/{placed.name}", faint, static=True)
-    by_frameset = dict(zip(np.asarray(placed.framesets).tolist(), rings, strict=True))
+    recording.log(f"space/everywhere/{thing.name}", _everywhere(thing), static=True)
     for frameset in framesets_of(rig):
         set_frameset(recording, frameset, times)
-        ring = by_frameset.get(frameset)
-        recording.log(path, rr.Clear(recursive=False) if ring is None else _outline(ring, MOVING, 3.0))
+        rings = thing.at(frameset)
+        if rings is None:
+            recording.log(path, rr.Clear(recursive=True))
+            continue
+        recording.log(path, outline(rings, MOVING, 3.0 if len(rings) == 1 else 1.5))
+        if len(rings) > 1:
+            recording.log(f"{path}/faces", faces(rings, MOVING))
     recording.reset_time()
 
 
-def _outline(ring: Floats, colour: Colour, radius: float) -> rr.LineStrips3D:
-    return rr.LineStrips3D([ring], colors=[colour], radii=rr.Radius.ui_points(radius))
+def _everywhere(thing: Thing) -> rr.LineStrips3D | rr.Points3D:
+    """Faint outlines of a rectangle, or the places of a body's middle: its faces would hide it where it turns."""
+    if len(thing.rings[0]) == 1:
+        return rr.LineStrips3D(list(thing.rings[:, 0]), colors=[MOVED], radii=rr.Radius.ui_points(0.6))
+    return rr.Points3D(thing.rings[..., :4, :].mean(axis=(1, 2)), colors=[MOVED], radii=rr.Radius.ui_points(1.5))
 
 
-def _log_names(recording: rr.RecordingStream, rig: Rig, colours: dict[str, Colour], times: Sequence[int]) -> None:
-    """Names of cameras and rectangles, moved apart where they would lie on one another from where one looks first."""
-    still = [placed for placed in rig.rectangles if not placed.rectangle.moving]
+def _log_names(
+    recording: rr.RecordingStream,
+    rig: Rig,
+    shown: Sequence[Thing],
+    colours: dict[str, Colour],
+    times: Sequence[int],
+) -> None:
+    """Names of cameras and things, moved apart where they would lie on one another from where one looks first."""
+    still = [thing for thing in shown if not thing.moves]
     eye = first_eye(rig)
-    anchors = [*positions(rig), *(_foot(outlines(placed)[0], eye) for placed in still)]
-    names = [*(camera.name for camera in rig.cameras), *(placed.name for placed in still)]
+    anchors = [*positions(rig), *(foot(thing.rings[0], eye) for thing in still)]
+    names = [*(camera.name for camera in rig.cameras), *(thing.name for thing in still)]
     shades = [*(colours[camera.name] for camera in rig.cameras), *([STATIC] * len(still))]
     labels = apart(eye, names, np.array(anchors))
     recording.log("space/names/still", named_points(names, labels, shades), static=True)
     recording.log("space/names/leads", _leads(np.array(anchors), labels, shades), static=True)
-    moving = [placed for placed in rig.rectangles if placed.rectangle.moving]
+    moving = [thing for thing in shown if thing.moves]
     for frameset in framesets_of(rig) if moving else []:
         set_frameset(recording, frameset, times)
-        here = [(placed.name, _outline_at(placed, frameset)) for placed in moving]
-        here = [(name, _foot(outline, eye)) for name, outline in here if outline is not None]
+        here = [(thing.name, thing.at(frameset)) for thing in moving]
+        here = [(name, foot(rings, eye)) for name, rings in here if rings is not None]
         if not here:
             recording.log("space/names/moving", rr.Clear(recursive=False))
             continue
@@ -81,17 +95,6 @@ def _log_names(recording: rr.RecordingStream, rig: Rig, colours: dict[str, Colou
         shown = apart(eye, names + [name for name, _ in here], every)[len(names) :]
         recording.log("space/names/moving", named_points([name for name, _ in here], shown, [MOVING] * len(here)))
     recording.reset_time()
-
-
-def _outline_at(placed: PlacedRectangle, frameset: int) -> Floats | None:
-    rows = np.flatnonzero(np.asarray(placed.framesets) == frameset)
-    return outlines(placed)[rows[0]] if len(rows) else None
-
-
-def _foot(outline: Floats, eye: Eye) -> Floats:
-    """Below the middle of an outline (5, 3), where its lowest corner ends: a name there covers none of it."""
-    middle = outline[:4].mean(axis=0)
-    return middle + ((outline - middle) @ eye.up).min() * eye.up
 
 
 def _leads(anchors: Floats, labels: Floats, colours: Sequence[Colour]) -> rr.LineStrips3D:

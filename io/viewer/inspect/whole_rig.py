@@ -2,7 +2,7 @@
 pose graph, the residuals over each picture, and the verdict in words.
 
 Entities: space/... in the rig frame (metres), space/cameras/<name> with a Pinhole each and what lies in its picture;
-graph, field/<name>, histogram/<name>, verdict.
+room/... in the frame of the room that the rig was carried through; graph, field/<name>, histogram/<name>, verdict.
 """
 
 from collections.abc import Iterable, Sequence
@@ -14,6 +14,7 @@ from quadrig.io.drawing.verdict_markdown import verdict_markdown
 from quadrig.io.viewer.inspect.field import log_fields
 from quadrig.io.viewer.inspect.graph import log_graph
 from quadrig.io.viewer.inspect.picture_marks import log_picture_marks
+from quadrig.io.viewer.inspect.room import log_room
 from quadrig.io.viewer.inspect.space import log_space
 from quadrig.io.viewer.inspect.timeline import set_frameset
 from quadrig.rig.doubt.disagreement import disagreements
@@ -25,6 +26,8 @@ def log_rig(recording: rr.RecordingStream, rig: Rig, times: Sequence[int] = ()) 
     recording.log("verdict", rr.TextDocument(verdict_markdown(rig), media_type="text/markdown"), static=True)
     colours = rig_colours(rig)
     log_space(recording, rig, colours, times)
+    if rig.room is not None:
+        log_room(recording, rig, rig.room, colours, times)
     log_picture_marks(recording, rig, colours, times)
     log_graph(recording, rig, disagreements(rig), colours)
     log_fields(recording, rig)

@@ -6,10 +6,11 @@ from dataclasses import dataclass, field
 import numpy as np
 import rerun as rr
 
-from quadrig.io.drawing.geometry import RING, extent, outlines
+from quadrig.io.drawing.geometry import RING, extent
 from quadrig.io.drawing.palette import DONE, SHEET, Colour
+from quadrig.io.drawing.things import things
 from quadrig.io.viewer.setup.blueprint import MAGNIFIED
-from quadrig.io.viewer.shapes import doubt_ellipsoid, frustum, named_points, transform
+from quadrig.io.viewer.shapes import doubt_ellipsoid, faces, frustum, named_points, transform
 from quadrig.rig.coach.advice import Advice
 from quadrig.rig.result import Rig
 from quadrig.rig.words import length
@@ -56,7 +57,7 @@ def log_rig(recording: rr.RecordingStream, rig: Rig, pictures: Pictures) -> None
     positions = np.array([camera.rig_from_camera.translation for camera in rig.cameras])
     colours = [pictures.colours[camera.name] for camera in rig.cameras]
     recording.log("names", named_points(names, positions, colours))
-    rings = [ring for placed in rig.rectangles for ring in outlines(placed)]
+    rings = [ring for thing in things(rig) for ring in thing.rings.reshape(-1, 5, 3)]
     recording.log("sheets", rr.LineStrips3D(rings, colors=SHEET, radii=rr.Radius.ui_points(1.0)))
 
 
@@ -74,12 +75,7 @@ def log_ghost(
             recording.log(f"cameras/{name}/image/ghost", rr.Clear(recursive=False))
         return
     corners = advice.ghost.transform(rectangles[advice.rectangle].corners)
-    sheet = rr.Mesh3D(
-        vertex_positions=corners,
-        triangle_indices=[[0, 1, 2], [0, 2, 3], [2, 1, 0], [3, 2, 0]],
-        albedo_factor=[*DONE, 110],
-    )
-    recording.log("ghost", sheet)
+    recording.log("ghost", faces(corners[None], DONE))
     thick = rr.Radius.ui_points(3.0)
     outline = rr.LineStrips3D([corners[RING]], colors=[DONE], radii=thick, labels=["hold it here"])
     recording.log("ghost/outline", outline)

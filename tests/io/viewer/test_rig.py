@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +22,7 @@ from quadrig.io.rig_file.rig_mcap import RigFile
 from quadrig.rig.doubt.disagreement import disagreements
 from quadrig.rig.doubt.residual_field import residual_field
 from quadrig.rig.doubt.verdict import verdict
+from quadrig.single.pose import Pose
 
 TIMES = tuple(5_000_000_000 + 33_000_000 * index for index in range(12))
 
@@ -32,13 +34,12 @@ def rrd(example_rig, tmp_path_factory) -> Path:
     return path
 
 
-@pytest.fixture(scope="module")
-def logged(rrd) -> dict[tuple[str, str], list]:
-    """Values of each component of each entity, by frameset where they have one."""
+def held_in(path):
+    """Values of each component of each entity of an .rrd, by frameset where they have one."""
     from rerun.chunk import RrdReader
 
     held: dict[tuple[str, str], list] = {}
-    for chunk in RrdReader(str(rrd)).stream():
+    for chunk in RrdReader(str(path)).stream():
         batch = chunk.to_record_batch()
         times = batch.column("frameset").to_pylist() if "frameset" in batch.schema.names else [None] * batch.num_rows
         for name in batch.schema.names:
@@ -47,6 +48,11 @@ def logged(rrd) -> dict[tuple[str, str], list]:
                 pairs = [(t, v) for t, v in zip(times, values, strict=True) if v is not None]
                 held.setdefault((str(chunk.entity_path), name), []).extend(pairs)
     return held
+
+
+@pytest.fixture(scope="module")
+def logged(rrd) -> dict[tuple[str, str], list]:
+    return held_in(rrd)
 
 
 def test_rerun_accepts_the_file(rrd):
@@ -151,3 +157,31 @@ def test_arrows_of_faults_do_not_lie_across_everything(example_rig):
     assert np.linalg.norm(arrows[1]) < 0.2 * camera.intrinsics.width
     np.testing.assert_allclose(arrows[1] / np.linalg.norm(arrows[1]), [0.6, -0.8])
     np.testing.assert_array_equal(arrows[2], 0)
+
+
+def test_a_room_stands_and_the_rig_goes_its_way(carried_rig, tmp_path):
+    save_rrd(tmp_path / "room.rrd", RigFile(carried_rig), [])
+    held, (hall,) = held_in(tmp_path / "room.rrd"), carried_rig.bodies
+    [(_, rings)] = held["/room/rectangles", "LineStrips3D:strips"]
+    for ring, placed, pose in zip(rings, carried_rig.rectangles, range(4), strict=True):
+        np.testing.assert_allclose(ring[:4], hall.body_from_rect[pose].transform(placed.rectangle.corners), atol=1e-6)
+    places = held["/room/rig", "Transform3D:translation"]
+    assert [time for time, _ in places] == hall.framesets.tolist()
+    np.testing.assert_allclose([at[0] for _, at in places], hall.path()[0].translation, atol=1e-6)
+    [(_, path)] = held["/room/path", "LineStrips3D:strips"]
+    np.testing.assert_allclose(path[0], hall.path()[0].translation, atol=1e-6)
+    assert not [entity for entity, _ in held if entity.startswith("/space/rectangles")]
+
+
+def test_a_body_is_drawn_as_one_thing(carried_rig, tmp_path):
+    (hall,) = carried_rig.bodies
+    turned = hall.body_from_rect @ Pose.from_vectors(np.array([0.0, np.pi, 0.0]), np.zeros(3))
+    box = replace(carried_rig, bodies=(replace(hall, name="box", body_from_rect=turned),))
+    save_rrd(tmp_path / "box.rrd", RigFile(box), [])
+    held = held_in(tmp_path / "box.rrd")
+    assert {entity for entity, _ in held if entity.startswith("/space/rectangles")} == {
+        "/space/rectangles/box",
+        "/space/rectangles/box/faces",
+    }
+    strips = held["/space/rectangles/box", "LineStrips3D:strips"]
+    assert [len(rings) for _, rings in strips] == [4] * 12
