@@ -100,7 +100,8 @@ def _dash(page: PdfPage, start: Floats, end: Floats) -> None:
     """Dashes of 2 mm."""
     length = float(np.linalg.norm(end - start))
     for begin in np.arange(0.0, length, 4.0):
-        page.line(*(_xy(start + (end - start) * min(at / length, 1.0)) for at in (begin, begin + 2.0)))
+        near, far = (start + (end - start) * min(at / length, 1.0) for at in (begin, begin + 2.0))
+        page.line(_xy(near), _xy(far))
 
 
 def _xy(point: Floats) -> tuple[float, float]:

@@ -52,7 +52,9 @@ class PlacedPoses:
         known = np.flatnonzero(rows >= 0)
         by_twist = step_by_left_twist(self.body_from_rect[rows[known]])
         own = self.alone[rows[known]][:, :, rows[known]]
-        result[np.ix_(known, range(6), known, range(6))] = np.einsum("aij,ajbk,blk->aibl", by_twist, own, by_twist)
+        result[np.ix_(known, np.arange(6), known, np.arange(6))] = np.einsum(
+            "aij,ajbk,blk->aibl", by_twist, own, by_twist
+        )
         return result.reshape(6 * len(rows), 6 * len(rows))
 
 

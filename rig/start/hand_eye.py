@@ -133,7 +133,7 @@ def _starts(a: Pose, b: Pose, turn_a: Floats, turn_b: Floats, axis: Floats, leve
         left = (a.rotation - np.eye(3)).reshape(-1, 3)
         right = (b.translation @ turned.T - a.translation).reshape(-1)
         normal = left.T @ left + _HELD * np.eye(3) + _LEVEL * np.outer(level, level)
-        found.append(Pose(turned, np.linalg.solve(normal, left.T @ right)))
+        found.append(Pose(turned, np.asarray(np.linalg.solve(normal, left.T @ right), float)))
     return found
 
 

@@ -96,9 +96,8 @@ def _looked_at(grey: Picture, quads: Floats, cells: int, border: int) -> tuple[S
     grid = np.stack(np.meshgrid(inner, inner), axis=-1).reshape(-1, 2)
     rings = [_ring(cells, 0.5 * border), _ring(cells, -0.5)]
     places = np.nan_to_num(mapped(image_from_unit, np.concatenate([grid, *rings])), nan=-1e3).astype(np.float32)
-    levels = cv2.remap(
-        grey.astype(np.float32), places[..., 0], places[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
-    )
+    light, (x, y) = grey.astype(np.float32), (places[..., 0], places[..., 1])
+    levels = np.asarray(cv2.remap(light, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE), np.float32)
     bits, black, white = np.split(levels, [len(grid), len(grid) + len(rings[0])], axis=1)
     return bits, np.median(white, axis=1) - np.median(black, axis=1)
 

@@ -129,7 +129,7 @@ def _find_once(
     corners, ids, others = _detector(dictionary, wanted, windows, rate, border).detectMarkers(image)
     found: dict[int, list[Floats]] = {}
     if ids is not None:
-        for tag, quad in zip(np.ravel(ids).tolist(), corners, strict=True):
+        for tag, quad in zip(map(int, np.ravel(ids)), corners, strict=True):
             found.setdefault(tag, []).append(np.asarray(quad, float).reshape(4, 2))
     # Among all tags of a dictionary there is one that anything looks like.
     if wanted is not None and len(others):

@@ -10,6 +10,9 @@ from quadrig.single.errors import QuadrigError
 from quadrig.single.patch import INK, Patch
 from quadrig.single.rectangle import Marking, Metres, Rectangle
 
+# A picture 8000 px wide has 16 px for each of so many: about what a corner or a circle needs to be found.
+_MOST_A_SIDE = 500
+
 
 @dataclass(frozen=True)
 class BoardMarking(Marking):
@@ -25,9 +28,7 @@ class BoardMarking(Marking):
     noun: ClassVar[str] = "board"
 
     def __post_init__(self) -> None:
-        for side, count in (("columns", self.columns), ("rows", self.rows)):
-            if count < 2:
-                raise QuadrigError(f"{side} is {count}; a board has two squares or more a side")
+        check_counts(self.columns, self.rows, 2, "a board has two squares or more a side")
         check_length("square", self.square)
 
     @property
@@ -57,6 +58,15 @@ class BoardMarking(Marking):
             for c in range(self.columns)
             if (c + r) % 2 == first_ink
         ]
+
+
+def check_counts(columns: int, rows: int, least: int, words: str) -> None:
+    """Raises QuadrigError, with the words, where a board has fewer than `least` a side, or more than can be seen."""
+    for side, count in (("columns", columns), ("rows", rows)):
+        if count < least:
+            raise QuadrigError(f"{side} is {count}; {words}")
+        if count > _MOST_A_SIDE:
+            raise QuadrigError(f"{side} is {count}; no picture shows more than {_MOST_A_SIDE} a side")
 
 
 def check_length(name: str, length: float) -> None:

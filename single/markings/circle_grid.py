@@ -10,7 +10,7 @@ from quadrig.single.arrays import Floats, Ints, Picture
 from quadrig.single.detect.circle_grid import find_circle_grid
 from quadrig.single.detect.pictures import window_around
 from quadrig.single.errors import QuadrigError
-from quadrig.single.markings.boards import check_length
+from quadrig.single.markings.boards import check_counts, check_length
 from quadrig.single.patch import INK, PAPER, Patch
 from quadrig.single.rectangle import FoundTags, Marking, Metres, Rectangle
 from quadrig.single.view import View
@@ -38,9 +38,7 @@ class CircleGridMarking(Marking):
     noun: ClassVar[str] = "board"
 
     def __post_init__(self) -> None:
-        for side, count in (("columns", self.columns), ("rows", self.rows)):
-            if count < 3:
-                raise QuadrigError(f"{side} is {count}; a grid has three circles or more a side")
+        check_counts(self.columns, self.rows, 3, "a grid has three circles or more a side")
         check_length("spacing", self.spacing)
         if self.diameter is not None:
             check_length("diameter", self.diameter)

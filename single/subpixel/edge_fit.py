@@ -76,7 +76,7 @@ class EdgeFit:
 
     @property
     def _sides(self) -> Floats:
-        return self.tone.grey(np.stack([self.dark, self.dark + self.contrast]))
+        return np.asarray(self.tone.grey(np.stack([self.dark, self.dark + self.contrast])), float)
 
 
 @dataclass(frozen=True, eq=False)

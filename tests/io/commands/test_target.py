@@ -158,6 +158,8 @@ def test_a_box_is_a_body_whose_lines_can_be_put_in_again(tmp_path, capsys):
     assert len(first) == 6
     assert run(["target", "--box", "--paper", "A3", "--measured", "149mm/150mm", "--config", str(config)]) == 0
     before, after = (r[1].body_from_rect for r in (first, read_config(config).rectangles))
+    assert before is not None
+    assert after is not None
     assert after.translation[0] == pytest.approx(before.translation[0] * 149 / 150, abs=1e-6)
     assert run(["target", "--box", "--ids", "3-5"]) == 1
     assert "a box has 6 faces" in capsys.readouterr().err

@@ -135,14 +135,19 @@ def test_words_do_not_lie_on_one_another():
     assert min(np.diff(heights)) > 10
 
 
+def part(text: str, heading: str) -> str:
+    found = re.search(f"<h2>{heading}</h2>.*?<h2>", text, re.S)
+    assert found is not None
+    return found[0]
+
+
 def test_a_room_has_a_map_with_the_path_of_the_rig(carried_rig):
     text = report_html(RigFile(carried_rig))
-    section = re.search(r"<h2>Body hall</h2>.*?<h2>", text, re.S)[0]
+    section = part(text, "Body hall")
     plan, side = (ElementTree.fromstring(plot) for plot in re.findall(r"<svg.*?</svg>", section, re.S))
     assert (plan.get("aria-label"), side.get("aria-label")) == ("the room from above", "the room from one side")
     assert {"north", "east", "south", "west"} <= set(plan.itertext())
     assert "past which the rig was carried in 12 framesets, within 2.00 m" in section
     # What hangs in the room is no part of the rig: in its own plots the cameras alone are drawn.
-    rig_alone = re.search(r"<h2>The rig</h2>.*?<h2>", text, re.S)[0]
-    assert "north" not in rig_alone
-    assert "cam3" in rig_alone
+    assert "north" not in part(text, "The rig")
+    assert "cam3" in part(text, "The rig")

@@ -22,7 +22,7 @@ def a_box(side=0.04):
 def corners_in_body(faces):
     """Corners (6, 4, 3) of the faces with their white borders, in the frame of the body."""
     side = sheet_size(faces[0])[0] * 1e-3
-    poses = [face.body_from_rect for face in faces]
+    poses = [face.body_from_rect for face in faces if face.body_from_rect is not None]
     return np.array([rectangle_corners(side, side) @ pose.rotation.T + pose.translation for pose in poses])
 
 

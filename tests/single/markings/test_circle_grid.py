@@ -129,7 +129,12 @@ def test_it_is_followed_where_it_was(marking):
 
 @pytest.mark.parametrize(
     ("changed", "said"),
-    [({"diameter": 0.05}, "must not touch"), ({"rows": 2}, "three circles"), ({"spacing": -1.0}, "measured length")],
+    [
+        ({"diameter": 0.05}, "must not touch"),
+        ({"rows": 2}, "three circles"),
+        ({"columns": 10**6}, "more than 500"),
+        ({"spacing": -1.0}, "measured length"),
+    ],
 )
 def test_what_is_no_grid_is_refused(changed, said):
     with pytest.raises(QuadrigError, match=said):

@@ -51,7 +51,7 @@ def test_planes_beside_and_behind_the_lens_are_as_good_as_any():
     truth = truth[facing(truth)]
     points = board_points(9, 7, 0.05)
     for angle in (1.5, 1.9, 2.8):
-        turned = Pose(rotation_from_vector([0.6 * angle, -0.8 * angle, 0.0]), np.zeros(3)) @ truth
+        turned = Pose(rotation_from_vector(np.array([0.6 * angle, -0.8 * angle, 0.0])), np.zeros(3)) @ truth
         located = turned[:, None].transform(points)
         found = planar_poses(points, located / np.linalg.norm(located, axis=-1, keepdims=True))
         np.testing.assert_allclose(found.camera_from_rect[:, 0].rotation, turned.rotation, atol=1e-6)
