@@ -38,7 +38,7 @@ from quadrig.single.errors import QuadrigError
 from quadrig.single.lens import LENS_PARAMETERS
 from quadrig.single.pose import Pose
 from quadrig.single.posterior.noise import EXPECTED_WEIGHT, noise_of
-from quadrig.single.rectangle import Rectangle
+from quadrig.single.rectangle import WORLD, Rectangle
 from quadrig.single.view import View
 
 MoveState = Literal["unmoved", "moved", "cannot tell"]
@@ -81,9 +81,10 @@ def find_moved(
     """One answer for each camera of the rig, in its order.
 
     false_alarms: the chance that any camera of a rig that did not move is called moved. Rectangles may have been put
-    elsewhere; a motion of all cameras together is not seen. Where several moved, the one that explains most is found
-    first and the others are tested without it. Of a rig that does not know its doubt no camera is judged: the
-    answers hold shifts with the sigma of the new Views alone. Raises QuadrigError where false_alarms is no chance.
+    elsewhere, but for those of a body against each other; a motion of all cameras together is not seen. Where several
+    moved, the one that explains most is found first and the others are tested without it. Of a rig that does not know
+    its doubt no camera is judged: the answers hold shifts with the sigma of the new Views alone. Raises QuadrigError
+    where false_alarms is no chance.
     """
     names = [camera.name for camera in rig.cameras]
     if not 0 < false_alarms < 1:
@@ -132,9 +133,25 @@ def _problem(rig: Rig, rectangles: Sequence[Rectangle], views: Sequence[View]) -
         CameraInput(c.name, c.intrinsics.width, c.intrinsics.height, c.intrinsics, fixed=True) for c in rig.cameras
     ]
     known = {camera.name for camera in inputs}
-    # On a body or not, a rectangle is only something that several cameras see at once: it may stand elsewhere now.
-    loose = [replace(rectangle, body="", body_from_rect=None) for rectangle in rectangles]
-    return build_problem(inputs, loose, [view for view in views if view.camera in known])
+    held = _on_bodies(rig, rectangles)
+    return build_problem(inputs, held, [view for view in views if view.camera in known])
+
+
+def _on_bodies(rig: Rig, rectangles: Sequence[Rectangle]) -> list[Rectangle]:
+    """The rectangles, those of a body where the rig has them on it: cameras that see different ones of them see one
+    thing. The others, and what was surveyed, are only what several cameras see at once: they may stand elsewhere now.
+    """
+    layouts: dict[str, tuple[str, Pose, tuple[float, float]]] = {}
+    for body in rig.bodies:
+        if body.name != WORLD and np.isfinite(body.layout_covariance).all():
+            for row, (turn, shift) in enumerate(body.layout_sigmas().T.tolist()):
+                layouts[body.rectangles[row]] = body.name, body.body_from_rect[row], (turn, shift)
+    nowhere = "", None, (0.0, 0.0)
+    return [
+        replace(one, body=body, body_from_rect=pose, layout_sigma=sigma)
+        for one in rectangles
+        for body, pose, sigma in [layouts.get(one.name, nowhere)]
+    ]
 
 
 def _why_not(name: str, problem: Problem) -> str:
@@ -253,8 +270,10 @@ def _new_information(rig: Rig, problem: Problem, joint: Joint) -> tuple[Floats, 
     weight = np.linalg.pinv(spread, hermitian=True) @ np.column_stack([matrix, gradient])
     matrix, gradient = matrix @ weight[:, :-1], matrix @ weight[:, -1]
     size = len(found.columns) + 6
-    is_clock = np.tile(np.arange(reduced.free.shape[1]) >= size, len(free))
-    return (*_without(matrix, gradient, is_clock), found.columns, max(freedom, 0.0) + EXPECTED_WEIGHT)
+    # Clocks, and where rectangles stand on their bodies, are of no interest here.
+    unit, column = np.divmod(np.arange(len(unknown)), reduced.free.shape[1])
+    nuisance = (column >= size) | (unit >= len(free))
+    return (*_without(matrix, gradient, nuisance), found.columns, max(freedom, 0.0) + EXPECTED_WEIGHT)
 
 
 def _without(matrix: Floats, gradient: Floats, nuisance: Mask) -> tuple[Floats, Floats]:

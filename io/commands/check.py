@@ -40,7 +40,7 @@ def check(
     """Find out from a new recording whether a camera has moved since the rig was calibrated.
 
     Exits with 0 where none moved, 3 where one did, 1 where it cannot be determined. Rectangles may stand elsewhere
-    than they did; all cameras moving together is not seen.
+    than they did, but for those of one body against each other; all cameras moving together is not seen.
 
     Example: rig check rig.mcap tonight.mcap --json
     """

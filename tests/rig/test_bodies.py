@@ -7,6 +7,7 @@ import pytest
 
 from quadrig.rig.calibration import calibrate
 from quadrig.rig.doubt.verdict import verdict
+from quadrig.rig.moved import find_moved
 from quadrig.rig.problem.camera_input import CameraInput
 from quadrig.single.errors import QuadrigError
 from quadrig.single.lens import Intrinsics, image_middle
@@ -161,6 +162,21 @@ def test_boards_on_a_real_body_stand_where_another_tool_has_them(load_script, sh
         assert np.linalg.norm(step[3:]) < 1e-3
         assert np.degrees(np.linalg.norm(step[:3])) < 0.07
         assert np.sqrt(np.diag(covariance)[3:]).max() < 1e-3
+
+
+def test_a_moved_camera_is_found_where_no_two_see_one_rectangle(walk, bodies, table_lens):
+    """By the walls, which stay as they are: a later walk through the same room."""
+    made, rig = walk
+    later = bodies.carried(np.random.default_rng(2), table_lens, 90)
+    np.testing.assert_array_equal(later.rig_from_camera.translation, made.rig_from_camera.translation)
+    views = [view for view in later.made.views if view.frameset >= 78]
+    assert {move.state for move in find_moved(rig, made.made.rectangles, views)} == {"unmoved"}
+    # The rig as it would be, had cam2 been pushed since.
+    before = replace(rig.camera("cam2"), rig_from_camera=rig.camera("cam2").rig_from_camera.retract(np.full(6, 0.02)))
+    pushed = replace(rig, cameras=tuple(before if one.name == "cam2" else one for one in rig.cameras))
+    moves = find_moved(pushed, made.made.rectangles, views)
+    assert [move.name for move in moves if move.state == "moved"] == ["cam2"]
+    assert abs(moves[2].shift - 0.02 * np.sqrt(3)) < 4 * moves[2].shift_sigma
 
 
 def test_a_carried_rig_is_good_for_its_poses(walk, box):
