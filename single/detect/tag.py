@@ -98,9 +98,11 @@ def find_tags(
     """
     boards = tuple(boards)
     missing = None if wanted is None else tuple(sorted(set(wanted)))
+    on_boards: frozenset[int] = frozenset().union(*boards)
     found: dict[int, list[Floats]] = {}
     for scale, windows in _passes(max(grey.shape), border)[: 1 if quick else None]:
-        for tag_id, quads in _find_once(reduced(grey, scale), dictionary, missing, windows, border).items():
+        small = reduced(grey, scale)
+        for tag_id, quads in _find_once(small, dictionary, missing, on_boards, windows, border).items():
             if tag_id not in found:
                 found[tag_id] = [(quad + 0.5) / scale - 0.5 for quad in quads]
         if missing is not None:
@@ -122,7 +124,12 @@ def _passes(longer_side: int, border: int) -> list[tuple[float, tuple[int, int]]
 
 
 def _find_once(
-    image: Picture, dictionary: str, wanted: tuple[int, ...] | None, windows: tuple[int, int], border: int
+    image: Picture,
+    dictionary: str,
+    wanted: tuple[int, ...] | None,
+    on_boards: frozenset[int],
+    windows: tuple[int, int],
+    border: int,
 ) -> dict[int, list[Floats]]:
     # Rounded, so that windows of all sizes share few detectors.
     rate = max(_LEAST_PERIMETER_RATE, round(_LEAST_PERIMETER / max(image.shape), 2))
@@ -134,7 +141,8 @@ def _find_once(
     # Among all tags of a dictionary there is one that anything looks like.
     if wanted is not None and len(others):
         quads = np.array(others, float).reshape(-1, 4, 2)
-        tags, turned = read_tags(image, quads, dictionary, wanted, border)
+        alone = np.array([tag not in on_boards for tag in wanted])
+        tags, turned = read_tags(image, quads, dictionary, wanted, alone, border)
         for k in np.flatnonzero(tags >= 0).tolist():
             # An outline has another within it, or around it.
             if not any(_same_place(turned[k], quad) for quad in found.get(tags[k], [])):
