@@ -58,17 +58,27 @@ def markings_in_sight(pictures: Sequence[Picture]) -> tuple[Marking, ...]:
 
 def _spaced(board: AprilGridMarking, picture: Picture) -> AprilGridMarking:
     """The board with the spacing to a hundredth with which its corners fit best: rough ones only show it roughly."""
-    misfits = {}
-    for step in range(-_ROUGHLY, _ROUGHLY + 1):
-        spacing = round(board.spacing + step / 100, 2)
-        if spacing > 0:
-            tried = replace(board, spacing=spacing)
-            for view in detect_views(picture, [Rectangle("board", *tried.size, tried)], near=[]):
-                places, pixels = view.points[:, :2], np.asarray(view.pixels, float)
-                image_from_board, _ = cv2.findHomography(places, pixels)
-                again = cv2.perspectiveTransform(places[None].astype(float), image_from_board)[0]
-                misfits[spacing] = float(np.sqrt(np.mean((again - pixels) ** 2)))
-    return replace(board, spacing=min(misfits, key=misfits.__getitem__)) if misfits else board
+    best, misfit = board, _misfit(board, picture)
+    for way in (-1, 1):
+        for step in range(1, _ROUGHLY + 1):
+            spacing = round(board.spacing + way * step / 100, 2)
+            tried = replace(board, spacing=spacing) if spacing > 0 else None
+            if tried is None or (next_misfit := _misfit(tried, picture)) > misfit:
+                break
+            best, misfit = tried, next_misfit
+        if best is not board:
+            break
+    return best
+
+
+def _misfit(board: AprilGridMarking, picture: Picture) -> float:
+    """RMS (px) by which the board's corners depart from a plane's picture; infinite where it is not seen."""
+    for view in detect_views(picture, [Rectangle("board", *board.size, board)], near=[]):
+        places, pixels = view.points[:, :2], np.asarray(view.pixels, float)
+        image_from_board, _ = cv2.findHomography(places, pixels)
+        again = cv2.perspectiveTransform(places[None].astype(float), image_from_board)[0]
+        return float(np.sqrt(np.mean((again - pixels) ** 2)))
+    return np.inf
 
 
 def _placed(picture: Picture, family: TagFamily) -> dict[int, Floats]:

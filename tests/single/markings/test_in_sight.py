@@ -17,14 +17,13 @@ from quadrig.single.rectangle import Marking, Rectangle
 from quadrig.single.render.capture import Capture
 from quadrig.single.render.picture import Sheet, ray_grid, render_image
 
-LENS = Intrinsics.centred(720, 540, 700.0)
+LENS = Intrinsics.centred(640, 480, 622.0)
+GRID = ray_grid(LENS)
 
 
 def picture(*sheets: Sheet) -> np.ndarray:
     capture = Capture(blur=0.6, noise=1.5)
-    return grey_image(
-        render_image(ray_grid(LENS), Pose.identity(), sheets, capture=capture, rng=np.random.default_rng(3))
-    )
+    return grey_image(render_image(GRID, Pose.identity(), sheets, capture=capture, rng=np.random.default_rng(3)))
 
 
 def sheet(marking: Marking, where=(0.0, 0.0, 1.0), size=0.2) -> Sheet:
