@@ -1,5 +1,6 @@
 """Keeping the few framesets of a live stream that show something new: their corners fitted, their faults named."""
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
@@ -9,7 +10,9 @@ from quadrig.rig.adjustment.motion import LONGEST_GAP
 from quadrig.rig.coach.capture_faults import blur_fault, exposure_fault, held_still_fault, not_static_fault
 from quadrig.rig.coach.edge_width import view_edge_widths
 from quadrig.rig.coach.fault import Fault
+from quadrig.rig.coach.in_hand import in_hand
 from quadrig.rig.coach.novelty import FASTEST, Key, Places, displaced, news, outlines_of, speed
+from quadrig.rig.problem.layouts import body_of
 from quadrig.single.arrays import Floats
 from quadrig.single.rectangle import Rectangle
 from quadrig.single.view import View
@@ -43,6 +46,7 @@ class Keeper:
 
     def __init__(self, search: LiveSearch, rectangles: Sequence[Rectangle], pool: ThreadPoolExecutor) -> None:
         self._search, self._rectangles, self._pool = search, tuple(rectangles), pool
+        self._held, self._body = in_hand(rectangles), {one.name: body_of(one) for one in rectangles}
         self.views: list[View] = []
         self.framesets = 0
         self._places = Places()
@@ -89,14 +93,16 @@ class Keeper:
     ) -> set[Key]:
         """What of a frameset is worth keeping: what is new, and how a moving sheet goes on from there."""
         if fresh:
-            # A static sheet seen again from where it was seen adds nothing; a moving one is wanted from all.
-            shown = moving & {name for _, name in fresh}
-            return fresh | {key for key in outlines if key[1] in shown}
+            # A static sheet seen again from where it was seen adds nothing; what moves is wanted from all, and of a
+            # body all rectangles.
+            shown = {self._body[name] for _, name in fresh if name in moving}
+            return fresh | {key for key in outlines if self._body[key[1]] in shown}
         since = (self._now or 0.0) - self._kept_at
         if not self._following or not _FOLLOW_AFTER <= since < LONGEST_GAP:
             return set()
-        going = [k[1] for k, line in outlines.items() if self._places.distance(k, line) > _MOVED * diagonals[k[0]]]
-        return {key for key in outlines if key[1] in moving and going.count(key[1]) > 1}
+        going = {k for k, line in outlines.items() if self._places.distance(k, line) > _MOVED * diagonals[k[0]]}
+        cameras = Counter(body for _, body in {(camera, self._body[name]) for camera, name in going})
+        return {key for key in outlines if key[1] in moving and cameras[self._body[key[1]]] > 1}
 
     def _too_fast(self, fast: float) -> bool:
         """Whether the sheet is too fast to be kept, which is said where it has been so for long."""
@@ -104,7 +110,7 @@ class Keeper:
         if fast <= (_HURRIED if hurried else FASTEST):
             return False
         if hurried:
-            self.blame(Fault("motion", "the sheet moves too fast; hold it still for a moment"))
+            self.blame(Fault("motion", f"{self._held.noun} moves too fast; hold it still for a moment"))
         return True
 
     def collect(self, wait: bool = False) -> Kept | None:
@@ -147,7 +153,7 @@ class Keeper:
         if fresh or not in_hand:
             self._news_at = now
             self._faults.pop(("held still", ""), None)
-        still = held_still_fault(now - self._news_at)
+        still = held_still_fault(now - self._news_at, self._held)
         if still is not None:
             self.blame(still)
 
@@ -158,7 +164,7 @@ class Keeper:
         for view in search.views:
             if (view.camera, view.rectangle) in wanted:
                 fault = exposure_fault(view.camera, search.grey, view)
-                fault = fault or blur_fault(view.camera, view_edge_widths(search.grey, view))
+                fault = fault or blur_fault(view.camera, view_edge_widths(search.grey, view), self._held)
                 if fault is None:
                     sound.add(view.rectangle)
                 else:

@@ -5,6 +5,7 @@ from collections.abc import Callable
 
 from quadrig.io.live.plan import SetupPlan
 from quadrig.io.live.solver import LiveSolution, LiveSolver, SolveRequest
+from quadrig.rig.doubt.lens_accuracy import accuracy
 from quadrig.rig.result import Rig
 
 # Solutions alternate with rests of the same length, so that the search keeps its share of the processor.
@@ -55,4 +56,4 @@ class LiveSolutions:
 
     def _is_accurate(self) -> bool:
         until = self._plan.until
-        return until is not None and self.rig is not None and self.complete and self.rig.working_accuracy <= until
+        return until is not None and self.rig is not None and self.complete and accuracy(self.rig) <= until

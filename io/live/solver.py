@@ -14,6 +14,7 @@ from quadrig.rig.adjustment.motion import LONGEST_GAP
 from quadrig.rig.calibration import calibrate
 from quadrig.rig.coach.advice import Advice, Situation, advise
 from quadrig.rig.coach.fault import Fault
+from quadrig.rig.coach.in_hand import in_hand
 from quadrig.rig.coach.printed_scale import scale_fault
 from quadrig.rig.problem.camera_input import CameraInput
 from quadrig.rig.result import Rig
@@ -61,7 +62,9 @@ def solve(request: SolveRequest) -> LiveSolution:
         trouble = str(error)
     except np.linalg.LinAlgError:
         # The first few Views may leave a system that cannot be solved; the next ones mend it.
-        trouble = "what was seen so far does not fix the rig; show the sheet in more places, tilted"
+        more = in_hand(request.rectangles)
+        todo = more.so_that("all see more of it") if more.body else "show the sheet in more places, tilted"
+        trouble = f"what was seen so far does not fix the rig; {todo}"
     situation = Situation(
         tuple(camera.name for camera in request.cameras),
         request.rectangles,

@@ -1,12 +1,14 @@
 """Coaching: of all that could be said to the person with the sheet, the one sentence that lowers the doubt most."""
 
-from collections.abc import Collection, Iterable, Sequence
+from collections import Counter
+from collections.abc import Collection, Hashable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations
 from typing import Literal
 
 import numpy as np
 
+from quadrig.rig.coach.in_hand import InHand, in_hand
 from quadrig.rig.coach.next_view import (
     Placements,
     accuracy_weight,
@@ -18,9 +20,10 @@ from quadrig.rig.coach.next_view import (
     within_reach,
 )
 from quadrig.rig.coach.planned_doubt import planning_doubt
-from quadrig.rig.doubt.lens_accuracy import accuracy_in_words, is_determined
+from quadrig.rig.doubt.lens_accuracy import accuracy, accuracy_in_words, is_determined, poses_alone
 from quadrig.rig.doubt.working_accuracy import covered_points
 from quadrig.rig.problem.connectivity import connected_groups
+from quadrig.rig.problem.layouts import body_of
 from quadrig.rig.result import Rig
 from quadrig.single.arrays import Floats, Mask
 from quadrig.single.pose import Pose
@@ -79,6 +82,11 @@ class Situation:
     refused: tuple[Pose, ...] = ()
     refused_pairs: frozenset[frozenset[str]] = field(default_factory=frozenset)
 
+    @property
+    def in_hand(self) -> InHand:
+        """What the person moves."""
+        return in_hand(self.rectangles, self.rig)
+
 
 def advise(situation: Situation) -> Advice:
     """The one sentence that lowers the doubt most: show, connect, then the best next placement, then done."""
@@ -86,12 +94,13 @@ def advise(situation: Situation) -> Advice:
     if len(situation.cameras) == 1 or not situation.views:
         return _first(situation)
     parts = connected(situation.cameras, situation.views, situation.rectangles)
-    if len(parts) > 1:
-        return _connect(situation, parts)
     if rig is None or len(rig.cameras) < len(situation.cameras):
-        return _unplaced(situation)
-    if situation.target is not None and rig.working_accuracy <= situation.target:
+        # Motion may have joined cameras that share nothing.
+        return _connect(situation, parts) if len(parts) > 1 else _unplaced(situation)
+    if situation.target is not None and accuracy(rig) <= situation.target:
         return Advice("done", good_for(rig) + "; press Enter to finish")
+    if poses_alone(rig):
+        return _carry_on(situation, rig)
     return best_placement(situation, rig) or Advice("done", good_for(rig) + "; press Enter to finish")
 
 
@@ -105,51 +114,97 @@ def good_for(rig: Rig) -> str:
 def connected(
     cameras: Sequence[str], views: Iterable[View], rectangles: Sequence[Rectangle]
 ) -> tuple[tuple[str, ...], ...]:
-    """Groups of cameras that share rectangles, directly or through others; the largest first, by name."""
+    """Groups of cameras that share rectangles, directly or through others; the largest first, by name.
+
+    Two cameras of a group show by what they see at one time how the rectangles of a body stand to each other, and
+    cameras that see such rectangles at one time are of one group.
+    """
+    body = {r.name: body_of(r) for r in rectangles}
     moving = {r.name for r in rectangles if r.moving}
     number = {camera: index for index, camera in enumerate(cameras)}
-    known = [view for view in views if view.camera in number]
-    poses = [(view.rectangle, view.frameset if view.rectangle in moving else -1) for view in known]
-    shared = {pose: index for index, pose in enumerate(dict.fromkeys(poses))}
-    groups = connected_groups(
-        len(cameras),
-        np.array([number[view.camera] for view in known], int),
-        np.array([shared[p] for p in poses], int),
-    )
-    parts = [tuple(cameras[index] for index in group) for group in groups]
+    known = [view for view in views if view.camera in number and view.rectangle in body]
+    time = [view.frameset if view.rectangle in moving else -1 for view in known]
+    # What is known of one piece: a rectangle at first, later those whose places on their body are known.
+    piece = {name: name for name in body}
+    part = {camera: camera for camera in cameras}
+    before = None
+    given = [r for r in rectangles if r.body_from_rect is not None]
+    seen_by, names = [view.camera for view in known], [view.rectangle for view in known]
+    while before != (piece, part):
+        before = dict(piece), dict(part)
+        part = _joined(cameras, seen_by, [(piece[name], t) for name, t in zip(names, time, strict=True)])
+        together: list[Hashable] = [(body[v.rectangle], t, part[v.camera]) for v, t in zip(known, time, strict=True)]
+        piece = _joined(list(body), [*names, *(r.name for r in given)], [*together, *(r.body for r in given)])
+    parts = [tuple(camera for camera in cameras if part[camera] == one) for one in dict.fromkeys(part.values())]
     return tuple(sorted(parts, key=lambda part: (-len(part), part)))
+
+
+def _joined(items: Sequence[str], item: Sequence[str], shared: Sequence[Hashable]) -> dict[str, str]:
+    """For each of the items the first of its group: those that share something, directly or through others."""
+    number = {name: index for index, name in enumerate(items)}
+    things = {thing: index for index, thing in enumerate(dict.fromkeys(shared))}
+    rows, columns = [number[one] for one in item], [things[one] for one in shared]
+    groups = connected_groups(len(items), np.array(rows, int), np.array(columns, int))
+    return {items[index]: items[min(group)] for group in groups for index in group}
 
 
 def _first(situation: Situation) -> Advice:
     """Before anything was seen; and all that can be said to somebody with one camera."""
-    cameras = situation.cameras
+    cameras, held = situation.cameras, situation.in_hand
     if len(cameras) == 1:
+        if held.body:
+            clause = f"{cameras[0]} sees two of its rectangles at a time, from this side and that"
+            return Advice(
+                "show", held.so_that(clause.replace("its", f"'{held.body}'s") if held.is_room else clause), cameras
+            )
         return Advice("show", f"hold the sheet in front of {cameras[0]}, tilted this way and that", cameras)
     first, second = _likeliest(situation, list(combinations(cameras, 2)))
-    return _together(first, second, f"hold the sheet where {first} and {second} both see it")
+    return _together(first, second, held.for_both(first, second))
 
 
 def _connect(situation: Situation, parts: Sequence[tuple[str, ...]]) -> Advice:
     """The cameras of different groups that should see one sheet together."""
-    seen_by = {view.camera for view in situation.views}
+    seen_by, held = {view.camera for view in situation.views}, situation.in_hand
     lone = [part[0] for part in parts[1:] if len(part) == 1]
     pairs = [(camera, other) for camera in lone for other in situation.cameras if other != camera]
     if any(frozenset(pair) not in situation.refused_pairs for pair in pairs) and len(situation.cameras) > 2:
         # Cameras that saw nothing come first, in their order, those that were asked in vain behind the others.
         tries = {camera: sum(camera in pair for pair in situation.refused_pairs) for camera in lone}
         camera = min(lone, key=lambda name: (tries[name], name in seen_by, situation.cameras.index(name)))
-        said = "shares nothing with the others" if camera in seen_by else "has not seen the sheet"
+        said = "shares nothing with the others" if camera in seen_by else f"has not seen {held.seen}"
         _, other = _likeliest(situation, [pair for pair in pairs if pair[0] == camera])
-        sentence = f"{camera} {said} yet: hold the sheet where {camera} and {other} both see it"
-        return _together(camera, other, sentence)
+        asked = _on_body(situation, parts, camera, other) or held.for_both(camera, other)
+        return _together(camera, other, f"{camera} {said} yet: {asked}")
     groups = (parts[0], parts[1])
     if len(parts[0]) > 1 and not _refused_groups(situation, groups):
         first, second = (" or ".join(part) if len(part) < 4 else f"{part[0]} to {part[-1]}" for part in groups)
-        sentence = f"hold the sheet where one of {first} and one of {second} both see it: they share nothing yet"
+        sentence = f"{held.for_both(f'one of {first}', f'one of {second}')}: they share nothing yet"
         return Advice("connect", sentence, tuple(sorted((*parts[0], *parts[1]))), groups=groups)
     pairs = [(a, b) for k, part in enumerate(parts) for other in parts[k + 1 :] for a in part for b in other]
     first, second = _likeliest(situation, pairs)
-    return _together(first, second, f"{first} and {second} share nothing yet: hold the sheet where both see it")
+    both = "hold the sheet where both see it"
+    if held.body:
+        both = _on_body(situation, parts, second, first) or held.for_both(first, second)
+    return _together(first, second, f"{first} and {second} share nothing yet: {both}")
+
+
+def _on_body(situation: Situation, parts: Sequence[tuple[str, ...]], camera: str, other: str) -> str:
+    """Which rectangle of a body the one camera should see while the other, of another group, sees which; empty where
+    nothing is moved but a sheet, or too little was seen of the body."""
+    held, group = situation.in_hand, next(part for part in parts if other in part)
+    if not held.body or camera not in {view.camera for view in situation.views}:
+        return ""
+    if frozenset((camera, other)) in situation.refused_pairs:
+        return (
+            f"turn {held.noun} far about one axis, then about another, while {camera} and {other} each see their own"
+        )
+    of_group = Counter(view.rectangle for view in situation.views if view.camera in group)
+    of_other = Counter(view.rectangle for view in situation.views if view.camera == other)
+    known = [name for name, _ in of_group.most_common() if of_other.keys() - {name}]
+    if not known:
+        return held.so_that(f"{other} sees two rectangles of '{held.body}' at a time, then {camera} one of these")
+    beside = next(name for name, _ in of_other.most_common() if name != known[0])
+    return held.so_that(f"{camera} sees '{known[0]}' while {other} sees '{beside}'")
 
 
 def _together(first: str, second: str, sentence: str) -> Advice:
@@ -184,7 +239,23 @@ def _unplaced(situation: Situation) -> Advice:
     _, other = _likeliest(
         situation, [(lost, one) for one in others if one in placed] or [(lost, one) for one in others]
     )
+    held = situation.in_hand
+    if held.body:
+        why = rig.missing.get(lost, "") if rig is not None else ""
+        return Advice(
+            "tilt", why or f"{held.for_both(lost, other)}, turning it about more than one axis", (lost, other)
+        )
     return Advice("tilt", f"tilt the sheet more, where {lost} and {other} both see it", (lost, other))
+
+
+def _carry_on(situation: Situation, rig: Rig) -> Advice:
+    """Of a rig whose cameras see nothing in common: the camera that is least sure, and what it saw least of."""
+    camera = max((one.name for one in rig.cameras), key=rig.position_sigma)
+    seen_by_it = Counter(view.rectangle for view in situation.views if view.camera == camera)
+    # What it saw it can see again, and what it saw least tells most.
+    wanted = min(sorted(seen_by_it), key=lambda name: seen_by_it[name])
+    clause = f"{camera}, the least sure of all, sees '{wanted}'; tilt it on the way, forward and to the sides"
+    return Advice("show", situation.in_hand.so_that(clause), (camera,), wanted)
 
 
 def best_placement(situation: Situation, rig: Rig) -> Advice | None:
@@ -275,9 +346,12 @@ def _why(
         common = _common_views(situation, camera, together[0])
         losses["share"] = together[1] / (1 + common / _ENOUGH_COMMON)
     kind = max(losses, key=lambda k: losses[k]) if losses else "region"
+    held, name = situation.in_hand, placements.rectangle.name
     where = _REGION_WORDS[(int(row[0]), int(row[1]))]
     if kind == "share" and together:
-        return kind, f"hold the sheet where {camera} and {together[0]} both see it", (camera, together[0])
+        return kind, held.for_both(camera, together[0]), (camera, together[0])
+    if held.body:
+        return kind, held.so_that(f"{camera} sees '{name}' {_seen_so(kind, placements, chosen, where)}"), (camera,)
     if kind == "tilt":
         side = "to one side" if placements.tilt[chosen][1] else "forward or back"
         return kind, f"{camera}: tilt the sheet more, {side}", (camera,)
@@ -286,6 +360,19 @@ def _why(
     if kind == "nearer":
         return kind, f"{camera}: hold the sheet nearer to the camera", (camera,)
     return kind, f"{camera}: hold the sheet farther from the camera", (camera,)
+
+
+def _seen_so(kind: AdviceKind, placements: Placements, chosen: int, where: str) -> str:
+    """How a camera should see a rectangle."""
+    if kind == "tilt":
+        return "tilted to one side" if placements.tilt[chosen][1] else "tilted forward or back"
+    return (
+        f"from {kind}"
+        if kind == "nearer"
+        else "from farther away"
+        if kind == "farther"
+        else f"at the {where} of its picture"
+    )
 
 
 def _common_views(situation: Situation, first: str, second: str) -> int:

@@ -7,6 +7,7 @@ import numpy as np
 
 from quadrig.rig.coach.edge_width import EdgeWidths, edge_widths
 from quadrig.rig.coach.fault import Fault
+from quadrig.rig.coach.in_hand import SHEET, InHand
 from quadrig.single.arrays import Floats, Picture
 from quadrig.single.detect.image_search import known_tags
 from quadrig.single.rectangle import Rectangle
@@ -46,12 +47,15 @@ def exposure_fault(camera: str, grey: Picture, view: View) -> Fault | None:
     return None
 
 
-def blur_fault(camera: str, widths: EdgeWidths) -> Fault | None:
-    """Whether edges are so wide that corners are uncertain: in one direction (motion) or in all (focus)."""
+def blur_fault(camera: str, widths: EdgeWidths, held: InHand = SHEET) -> Fault | None:
+    """Whether edges are so wide that corners are uncertain: in one direction (motion) or in all (focus).
+
+    held: what is moved.
+    """
     if not widths.widest > _BLUR_SIGMA:
         return None
     if widths.widest > _SMEAR_RATIO * widths.sharpest:
-        return Fault("motion", f"{camera}: the sheet moves too fast; hold it still for a moment", camera)
+        return Fault("motion", f"{camera}: {held.noun} moves too fast; hold it still for a moment", camera)
     return _out_of_focus(camera)
 
 
@@ -96,11 +100,13 @@ def _inside(grey: Picture, view: View) -> Picture:
     return cut[mask > 0]
 
 
-def held_still_fault(seconds: float, patience: float = 4.0) -> Fault | None:
-    """Said when nothing new was seen for `seconds` while the sheet was in view."""
+def held_still_fault(seconds: float, held: InHand = SHEET, patience: float = 4.0) -> Fault | None:
+    """Said when nothing new was seen for `seconds` while something was in view. held: what is moved."""
     if seconds < patience:
         return None
-    return Fault("held still", "the sheet has been seen like this already; move it, tilt it, show another part")
+    if held.is_room:
+        return Fault("held still", "this has been seen from here already; carry the rig on, turn it, tilt it")
+    return Fault("held still", f"{held.noun} has been seen like this already; move it, tilt it, show another part")
 
 
 def wrong_board_fault(

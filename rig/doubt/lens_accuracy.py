@@ -35,8 +35,8 @@ def lens_accuracy(rig: Rig, name: str) -> float:
 def accuracy_in_words(rig: Rig) -> str:
     """What a rig is good for: points in the volume it covered; where its cameras are, if it is carried and no two of
     them see one place; directions, where it is of one camera."""
-    if len(rig.cameras) > 1 and _poses_alone(rig):
-        shift = max(rig.position_sigma(camera.name) for camera in rig.cameras)
+    if len(rig.cameras) > 1 and poses_alone(rig):
+        shift = accuracy(rig)
         turn = np.degrees(max(rig.rotation_sigma(camera.name) for camera in rig.cameras))
         return f"where its cameras are, to {length(shift)} and {turn:.2g} degrees (no two of them see one place)"
     if len(rig.cameras) > 1:
@@ -53,11 +53,18 @@ def is_determined(rig: Rig) -> bool:
     """Whether a rig has the figure that heads it: of points, of poses where it is carried, or of directions where it
     is of one camera."""
     if len(rig.cameras) > 1:
-        return bool(np.isfinite(rig.working_accuracy)) or _poses_alone(rig)
+        return bool(np.isfinite(rig.working_accuracy)) or poses_alone(rig)
     # A lens that was only given has no sigma.
     return bool(0 < lens_accuracy(rig, next(iter(rig.cameras)).name) < np.inf)
 
 
-def _poses_alone(rig: Rig) -> bool:
+def accuracy(rig: Rig) -> float:
+    """The working accuracy, m, or of a rig that is for poses alone the sigma of the camera that is least sure."""
+    if not poses_alone(rig):
+        return rig.working_accuracy
+    return max(rig.position_sigma(camera.name) for camera in rig.cameras)
+
+
+def poses_alone(rig: Rig) -> bool:
     """Whether a rig is carried and no point is seen by two of its cameras, so that poses are all that it is for."""
     return rig.room is not None and rig.is_doubt_known and not np.isfinite(rig.working_accuracy)

@@ -311,3 +311,70 @@ def test_obeying_needs_at_most_half_the_framesets_of_waving():
     """Fourteen rigs need 0.35 of the framesets, and the six of this test 0.38."""
     obeying, waving = (sum(framesets_until(0.001, seed, coached) for seed in range(6)) for coached in (True, False))
     assert obeying <= 0.5 * waving
+
+
+def seen_at(*seen):
+    """Views (camera, rectangle, frameset) of which only who saw what counts."""
+    return tuple(View(name, np.zeros((4, 3)), np.zeros((4, 2)), camera, frameset) for camera, name, frameset in seen)
+
+
+def of_body(body, count=4):
+    return tuple(Rectangle(f"tag{k}", 0.1, 0.1, moving=True, body=body) for k in range(count))
+
+
+def test_rectangles_of_a_body_join_cameras_once_their_layout_was_seen():
+    cameras, box = ("cam0", "cam1"), of_body("box")
+    other_faces = seen_at(("cam0", "tag0", 0), ("cam1", "tag1", 0))
+    assert len(connected(cameras, other_faces, box)) == 2
+    both_faces = seen_at(("cam0", "tag0", 1), ("cam0", "tag1", 1))
+    assert connected(cameras, (*other_faces, *both_faces), box) == (cameras,)
+    given = tuple(replace(face, body_from_rect=Pose.identity()) for face in box)
+    assert connected(cameras, other_faces, given) == (cameras,)
+    # At two times they are two places.
+    assert len(connected(cameras, seen_at(("cam0", "tag0", 0), ("cam1", "tag1", 1)), given)) == 2
+
+
+def test_a_box_is_turned_and_a_rig_carried_before_anything_is_seen():
+    def said(body):
+        return advise(Situation(("cam0", "cam1"), of_body(body))).sentence
+
+    assert said("box") == "turn 'box' so that cam0 and cam1 see it at one time"
+    assert said("room") == "carry the rig so that cam0 and cam1 each see a rectangle of 'room' at one time"
+    assert "sheet" not in advise(Situation(("cam0",), of_body("box"))).sentence
+
+
+def test_a_camera_that_shares_nothing_is_told_what_to_see_while_who_sees_what():
+    room, cameras = of_body("room"), ("cam0", "cam1", "cam2")
+    views = seen_at(
+        ("cam0", "tag0", 0), ("cam0", "tag1", 0), ("cam1", "tag1", 1), ("cam0", "tag0", 1), ("cam2", "tag3", 1)
+    )
+    advice = advise(Situation(cameras, room, views))
+    assert advice.kind == "connect"
+    assert advice.cameras[0] == "cam2"
+    asked = [part for part in ("sees 'tag0' while", "sees 'tag1' while") if part in advice.sentence]
+    assert asked, advice.sentence
+    assert "carry the rig so that cam2" in advice.sentence
+    # Obeyed, it joins them.
+    seen_then = asked[0].split("'")[1]
+    beside = advice.sentence.split("'")[-2]
+    other = advice.cameras[1]
+    obeyed = seen_at(("cam2", seen_then, 2), (other, beside, 2))
+    assert len(connected(cameras, (*views, *obeyed), room)) == 1
+
+
+def test_placements_of_a_box_are_asked_for_by_face():
+    cameras, middle = four_cameras()
+    rng, face = np.random.default_rng(9), replace(SHEET, name="face2", body="box")
+    rig = rig_that_saw(cameras, [waved(rng, cameras, middle) for _ in range(12)], face)
+    advice = best_placement(situation_of(cameras, rig, rectangles=(face,)), rig)
+    assert advice is not None
+    assert "sheet" not in advice.sentence
+    assert "turn 'box' so that" in advice.sentence
+
+
+def test_what_cannot_be_seen_together_is_turned_about_two_axes():
+    cameras = ("cam0", "cam1")
+    situation = Situation(cameras, of_body("room", 2), seen_at(("cam0", "tag0", 0), ("cam1", "tag1", 0)))
+    assert "sees two rectangles of 'room' at a time" in advise(situation).sentence
+    in_vain = replace(situation, refused_pairs=frozenset({frozenset(cameras)}))
+    assert "turn the rig far about one axis, then about another" in advise(in_vain).sentence
