@@ -74,9 +74,8 @@ _CLOSE = 0.1
 _HALVINGS = 8
 # A position that the motion does not show is held to a millimetre (1/m^2).
 _HELD = 1e6
-# Rounds of rejecting and taking back corners: the second rarely changes anything. Sheets that are seen at like tilts
-# bend against the cameras' poses along a valley that takes fifteen.
-_ROUNDS = 25
+# Rounds of rejecting and taking back corners: the second rarely changes anything.
+_ROUNDS = 10
 
 
 @dataclass(frozen=True)
