@@ -186,7 +186,8 @@ def _better(
             continue
         poses = node_steps(normal, problem.tables, reduced, steps)
         expected = float((steps * normal.unit_gradient * unknowns).sum() + (poses * normal.node_gradient).sum())
-        if expected < tolerance:
+        # A step that damping cut short may promise little wherever it is.
+        if expected < (tolerance if damping.value <= _FIRST_DAMPING else CONVERGED):
             return None
         trial = _stepped(problem.observations, here, steps, poses)
         found = _linearised(problem, trial)
