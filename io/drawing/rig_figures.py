@@ -7,6 +7,7 @@ import numpy as np
 from quadrig.io.drawing.geometry import dense_outline, round_down
 from quadrig.rig.doubt.disagreement import Disagreement
 from quadrig.rig.doubt.residual_field import ResidualField
+from quadrig.rig.problem.layouts import body_of
 from quadrig.rig.result import Camera, Rig, ViewFit, placed_pose
 from quadrig.single.arrays import Floats
 from quadrig.single.rectangle import Rectangle
@@ -91,11 +92,12 @@ def longest_usual(fields: Iterable[ResidualField]) -> float:
 
 
 def shared_counts(views: Sequence[View], rectangles: Mapping[str, Rectangle]) -> dict[tuple[str, str], int]:
-    """How many placed sheets each pair of cameras (in the order of names) has in common."""
+    """How many placed sheets, or bodies, each pair of cameras (in the order of names) has in common."""
     seen: dict[tuple[str, int], set[str]] = {}
     for view in views:
-        moving = view.rectangle in rectangles and rectangles[view.rectangle].moving
-        seen.setdefault((view.rectangle, view.frameset if moving else -1), set()).add(view.camera)
+        rectangle = rectangles.get(view.rectangle)
+        moving, name = rectangle is not None and rectangle.moving, body_of(rectangle) if rectangle else view.rectangle
+        seen.setdefault((name, view.frameset if moving else -1), set()).add(view.camera)
     counts: dict[tuple[str, str], int] = {}
     for cameras in seen.values():
         names = sorted(cameras)

@@ -48,11 +48,11 @@ def things(rig: Rig) -> list[Thing]:
 
 
 def _body(rig: Rig, body: PlacedBody) -> Thing:
-    _, rings = _layout(rig, body)
+    _, rings = layout(rig, body)
     return Thing(body.name, body.rig_from_body[:, None, None].transform(rings), np.asarray(body.framesets))
 
 
-def _layout(rig: Rig, body: PlacedBody) -> tuple[list[int], Floats]:
+def layout(rig: Rig, body: PlacedBody) -> tuple[list[int], Floats]:
     """The rows of rectangles whose size is known, and their outlines (K, 5, 3) in the body's frame."""
     corners = {placed.name: placed.rectangle.corners[RING] for placed in rig.rectangles}
     rows = [row for row, name in enumerate(body.rectangles) if name in corners]
@@ -99,7 +99,7 @@ class RoomMap:
 
 def room_map(rig: Rig, body: PlacedBody) -> RoomMap:
     """The map of a body that is a room."""
-    rows, rings = _layout(rig, body)
+    rows, rings = layout(rig, body)
     path, covariance = body.path()
     count = len(body.rectangles)
     blocks = body.layout_covariance.reshape(count, 6, count, 6)[rows, :, rows]

@@ -366,13 +366,7 @@ def _seen_so(kind: AdviceKind, placements: Placements, chosen: int, where: str) 
     """How a camera should see a rectangle."""
     if kind == "tilt":
         return "tilted to one side" if placements.tilt[chosen][1] else "tilted forward or back"
-    return (
-        f"from {kind}"
-        if kind == "nearer"
-        else "from farther away"
-        if kind == "farther"
-        else f"at the {where} of its picture"
-    )
+    return {"nearer": "nearer", "farther": "farther away"}.get(kind, f"at the {where} of its picture")
 
 
 def _common_views(situation: Situation, first: str, second: str) -> int:

@@ -8,13 +8,14 @@ import rerun as rr
 
 from quadrig.io.drawing.geometry import RING, extent
 from quadrig.io.drawing.palette import DONE, SHEET, Colour
-from quadrig.io.drawing.things import things
+from quadrig.io.drawing.things import layout, room_map, things
 from quadrig.io.viewer.setup.blueprint import MAGNIFIED
 from quadrig.io.viewer.shapes import doubt_ellipsoid, faces, frustum, named_points, transform
 from quadrig.rig.coach.advice import Advice
 from quadrig.rig.result import Rig
 from quadrig.rig.words import length
 from quadrig.single.arrays import Floats
+from quadrig.single.pose import Pose
 from quadrig.single.rectangle import Rectangle
 
 # ... at most as this part of the rig's extent.
@@ -42,7 +43,8 @@ class Pictures:
 
 def log_rig(recording: rr.RecordingStream, rig: Rig, pictures: Pictures) -> None:
     """Log cameras with their doubt and names, and the sheets where they were held."""
-    size = extent(rig)
+    # In a room cameras are drawn as large as it can show them.
+    size = extent(rig) if rig.room is None else room_map(rig, rig.room).extent
     for camera in rig.cameras:
         path, colour = f"cameras/{camera.name}", pictures.colours[camera.name]
         shrink = pictures.shrinks.get(camera.name, 1)
@@ -58,6 +60,9 @@ def log_rig(recording: rr.RecordingStream, rig: Rig, pictures: Pictures) -> None
     colours = [pictures.colours[camera.name] for camera in rig.cameras]
     recording.log("names", named_points(names, positions, colours))
     rings = [ring for thing in things(rig) for ring in thing.rings.reshape(-1, 5, 3)]
+    if rig.room is not None:
+        # The room where the rig saw it last.
+        rings += list(rig.room.rig_from_body[-1].transform(layout(rig, rig.room)[1]))
     recording.log("sheets", rr.LineStrips3D(rings, colors=SHEET, radii=rr.Radius.ui_points(1.0)))
 
 
@@ -75,16 +80,30 @@ def log_ghost(
             recording.log(f"cameras/{name}/image/ghost", rr.Clear(recursive=False))
         return
     corners = advice.ghost.transform(rectangles[advice.rectangle].corners)
-    recording.log("ghost", faces(corners[None], DONE))
     thick = rr.Radius.ui_points(3.0)
-    outline = rr.LineStrips3D([corners[RING]], colors=[DONE], radii=thick, labels=["hold it here"])
-    recording.log("ghost/outline", outline)
+    if rig is not None and rig.room is not None:
+        # What hangs on a wall cannot be held elsewhere: the pictures show where it is to be seen.
+        recording.log("ghost", rr.Clear(recursive=True))
+    else:
+        rings = _with_its_body(rig, advice.rectangle, advice.ghost, corners)
+        recording.log("ghost", faces(rings, DONE))
+        labels = ["hold it here"] + [""] * (len(rings) - 1)
+        recording.log("ghost/outline", rr.LineStrips3D(list(rings), colors=[DONE], radii=thick, labels=labels))
     for name in pictures.colours:
         pixels = _in_picture(rig, name, corners)
         # Without a label: it would lie on the sheet's own whenever the sheet is nearly there.
         line = rr.LineStrips2D([pictures.shown(name, pixels[RING])], colors=[DONE], radii=thick)
         seen = np.isfinite(pixels).all()
         recording.log(f"cameras/{name}/image/ghost", line if seen else rr.Clear(recursive=False))
+
+
+def _with_its_body(rig: Rig | None, rectangle: str, pose: Pose, corners: Floats) -> Floats:
+    """Outlines (K, 5, 3) of a rectangle of these corners (4, 3) at a pose, and of what is fixed to it."""
+    for body in rig.bodies if rig is not None else ():
+        if rectangle in body.rectangles:
+            rig_from_body = pose @ body.body_from_rect[body.rectangles.index(rectangle)].inverse()
+            return rig_from_body.transform(layout(rig, body)[1])
+    return corners[RING][None]
 
 
 def _in_picture(rig: Rig | None, name: str, points: Floats) -> Floats:
