@@ -92,8 +92,8 @@ def _log_names(
             recording.log("space/names/moving", rr.Clear(recursive=False))
             continue
         every = np.concatenate([labels, np.array([position for _, position in here])])
-        shown = apart(eye, names + [name for name, _ in here], every)[len(names) :]
-        recording.log("space/names/moving", named_points([name for name, _ in here], shown, [MOVING] * len(here)))
+        beside = apart(eye, names + [name for name, _ in here], every)[len(names) :]
+        recording.log("space/names/moving", named_points([name for name, _ in here], beside, [MOVING] * len(here)))
     recording.reset_time()
 
 

@@ -99,11 +99,11 @@ def log_ghost(
 
 def _with_its_body(rig: Rig | None, rectangle: str, pose: Pose, corners: Floats) -> Floats:
     """Outlines (K, 5, 3) of a rectangle of these corners (4, 3) at a pose, and of what is fixed to it."""
-    for body in rig.bodies if rig is not None else ():
-        if rectangle in body.rectangles:
-            rig_from_body = pose @ body.body_from_rect[body.rectangles.index(rectangle)].inverse()
-            return rig_from_body.transform(layout(rig, body)[1])
-    return corners[RING][None]
+    body = next((one for one in rig.bodies if rectangle in one.rectangles), None) if rig is not None else None
+    if rig is None or body is None:
+        return corners[RING][None]
+    rig_from_body = pose @ body.body_from_rect[body.rectangles.index(rectangle)].inverse()
+    return rig_from_body.transform(layout(rig, body)[1])
 
 
 def _in_picture(rig: Rig | None, name: str, points: Floats) -> Floats:
