@@ -24,6 +24,21 @@ LARGEST_TEXT = 1 << 25
 LARGEST_OF_CAMERAS = 4_000_000
 """Bytes of a thousand cameras with all their digits; YAML is read at a megabyte a second."""
 
+# How files begin that cannot be made again, or that are written here.
+_KINDS = (
+    (b"\x89MCAP0", "MCAP"),
+    (b"\x89PNG", "a picture"),
+    (b"\xff\xd8\xff", "a picture"),
+    (b"%PDF", "a PDF"),
+    (b"RRF", "a recording of rerun"),
+    (b"<!doctype html", "a page"),
+    (b"<!DOCTYPE html", "a page"),
+    (b"#ROSBAG", "a ROS bag"),
+    (b"SQLite", "a ROS bag"),
+    (b"{", "JSON"),
+)
+_BEGINNING = 512
+
 # What this process holds: a command holds its place from the start, and what writes there goes through it.
 _held: set[Path] = set()
 # Of the command of another process so many characters are said: enough to know it by.
@@ -32,6 +47,8 @@ _COMMAND = 80
 
 def read_whole(path: Path, most: int = LARGEST_TEXT) -> bytes:
     """The bytes of a file. Raises QuadrigError where it is larger than its kind is, and OSError as open does."""
+    if path.exists() and not (path.is_file() or path.is_dir()):
+        raise QuadrigError(f"{path} is a device, a pipe or a socket; give a file")
     with path.open("rb") as stream:
         # What is no file has no size.
         known = os.fstat(stream.fileno()).st_size
@@ -85,7 +102,8 @@ def written_beside(path: Path | str) -> Iterator[Path]:
     """A path to write to, in the folder of `path`; it becomes `path` when the block ends without an error.
 
     A link stays and what it leads to is written; a file that is there keeps its mode.
-    Raises QuadrigError as place_held does, and where it cannot be written to its end.
+    Raises QuadrigError as place_held does, where it cannot be written to its end, and where a file of another kind is
+    there: a recording that a report would replace cannot be made again.
     """
     with place_held(path) as place:
         try:
@@ -94,6 +112,7 @@ def written_beside(path: Path | str) -> Iterator[Path]:
             raise cannot_write(path, error) from error
         try:
             yield beside
+            _refuse_other_kind(path, place, beside)
             beside.replace(place)
         except OSError as error:
             # One that names another file is of what was read.
@@ -103,6 +122,26 @@ def written_beside(path: Path | str) -> Iterator[Path]:
         finally:
             with suppress(OSError):
                 beside.unlink(missing_ok=True)
+
+
+def _refuse_other_kind(path: Path | str, place: Path, beside: Path) -> None:
+    there, new = (_kind(file) for file in (place, beside))
+    if there not in (None, new):
+        raise QuadrigError(f"{path} is {there} and would be replaced by {new}; choose another place, or remove it")
+
+
+def _kind(file: Path) -> str | None:
+    """What a file is by how it begins, in words; None where there is none, or nothing in it."""
+    try:
+        begin = file.open("rb").read(_BEGINNING)
+    except FileNotFoundError:
+        return None
+    if not begin:
+        return None
+    known = next((kind for sign, kind in _KINDS if begin.startswith(sign)), None)
+    if known is not None:
+        return known
+    return "another file" if b"\0" in begin else "a text"
 
 
 def new_part(place: Path) -> Path:
@@ -124,7 +163,9 @@ def cannot_write(path: Path | str, error: OSError) -> QuadrigError:
 
 def refuse_no_place(path: Path) -> None:
     """Raises QuadrigError where no file may be written: over a folder, a device or a pipe, over what is read-only,
-    or where its folder is absent."""
+    or where its folder is absent, and for "-", which is no standard output here."""
+    if str(path) == "-":
+        raise QuadrigError("nothing is written to standard output but what a command prints; give the name of a file")
     try:
         mode = path.stat().st_mode
     except FileNotFoundError:

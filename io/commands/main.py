@@ -58,7 +58,13 @@ def main() -> None:
         # What is ignored (nohup) stays so.
         if number is not None and signal.getsignal(number) is signal.SIG_DFL:
             signal.signal(number, signal.default_int_handler)
-    sys.exit(run(sys.argv[1:]))
+    code = run(sys.argv[1:])
+    for name in _AS_CTRL_C:
+        number = getattr(signal, name, None)
+        # All is written, and nothing is left that could be interrupted in order.
+        if number is not None and signal.getsignal(number) is signal.default_int_handler:
+            signal.signal(number, signal.SIG_DFL)
+    sys.exit(code)
 
 
 def run(arguments: Sequence[str]) -> int:

@@ -1,5 +1,6 @@
 """Markings in rig.toml: the keys of a kind are the fields of its dataclass, whatever kinds there are."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import MISSING, fields
 from functools import cache
@@ -14,6 +15,8 @@ from quadrig.single.rectangle import Marking, Metres
 
 # A square needs ten pixels, so that a picture of a hundred megapixels shows no more of them.
 _MOST_SQUARES = 10**6
+# Metres: farther than any camera sees a sheet.
+_LONGEST = 1e6
 
 
 def marking_table(kinds: Sequence[type[Marking]]) -> Any:
@@ -36,6 +39,8 @@ def read_lengths(wanted: type, value: Any) -> Any:
             raise ValueError(str(error)) from error
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise ValueError('expected a length: metres, or a text with a unit such as "80mm"')
+    if math.isfinite(value) and abs(value) > _LONGEST:
+        raise ValueError(f"{value} m is no length of this world; give metres")
     return Length(value)
 
 

@@ -32,6 +32,9 @@ _SIDE_TOLERANCE = 1e-3
 # A quaternion typed with four decimals is a unit one to this much; beyond it, a number is wrong.
 _UNIT_TOLERANCE = 1e-2
 
+# Metres and degrees of a pose in a room; beyond it, or where it is nan, a number is wrong.
+_FARTHEST = 1e6
+
 # Of OpenCV's 4, 5, 8, 12 or 14 those that lenses here have.
 _COEFFICIENTS = 5
 
@@ -301,6 +304,9 @@ def _given_pose(rectangle: str, key: str, table: _GivenPose, where: Callable[[st
 
     if table.angles_deg is None and table.quaternion_xyzw is None:
         raise wrong(f"{key} needs translation and one of angles_deg and quaternion_xyzw")
+    numbers = (*table.translation, *(table.angles_deg or ()), *(table.quaternion_xyzw or ()))
+    if not np.abs(numbers).max() <= _FARTHEST:
+        raise wrong(f"{key} holds {max(numbers, key=lambda n: abs(n) if n == n else np.inf):g}, which is no pose")
     angles = None if table.angles_deg is None else rotation_from_angles(*np.radians(table.angles_deg))
     if table.quaternion_xyzw is None:
         assert angles is not None

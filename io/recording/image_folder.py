@@ -163,7 +163,9 @@ def pattern_images(pattern: Path) -> dict[str, list[Path]]:
 
 def folder_images(folder: Path) -> list[Path]:
     """The image files in a folder, not those of its subfolders."""
-    return sorted(p for p in folder.iterdir() if p.suffix.lower() in IMAGE_SUFFIXES and not p.name.startswith("."))
+    files = (p for p in folder.iterdir() if p.suffix.lower() in IMAGE_SUFFIXES and not p.name.startswith("."))
+    # What is a pipe would be waited for.
+    return sorted(p for p in files if p.is_file())
 
 
 def read_image_folder(folder: Path, notes: list[str]) -> ImageFiles:

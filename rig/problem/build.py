@@ -25,6 +25,8 @@ _MOST_REPEATS = 2
 _FEWEST_POINTS = 4
 # Pixels, or metres: a hundred times what the largest picture has, and what no sheet is apart.
 _FARTHEST = 1e7
+# px: a View all in one pixel says nothing of its rectangle, and its lens-free start drags the whole camera away.
+_LEAST_EXTENT = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -187,16 +189,33 @@ def _problem(
 
 
 def absurd_views(views: Sequence[View]) -> list[View]:
-    """Views with a point or pixel that is in no picture and on no sheet: their squares would drown all others."""
-    parts = [view.pixels.ravel() for view in views] + [r.ravel() for view in views for r in view.readings]
-    if not parts or np.abs(np.concatenate(parts)).max(initial=0.0) <= _FARTHEST:
+    """Views with a point or pixel that is in no picture and on no sheet: their squares would drown all others; and
+    those all in one pixel, which drag their camera away."""
+    whole = [view for view in views if len(view.pixels) >= _FEWEST_POINTS]
+    if not whole:
         return []
-    return [v for v in views if any(np.abs(part).max(initial=0.0) > _FARTHEST for part in (v.pixels, *v.readings))]
+    pixels, counts = np.concatenate([view.pixels for view in whole]), [len(view.pixels) for view in whole]
+    starts = np.cumsum([0, *counts[:-1]])
+    extent = (np.maximum.reduceat(pixels, starts) - np.minimum.reduceat(pixels, starts)).max(axis=1)
+    parts = [pixels.ravel(), *(reading.ravel() for view in whole for reading in view.readings)]
+    far = np.abs(np.concatenate(parts)).max() > _FARTHEST
+    return [
+        view
+        for view, own in zip(whole, extent, strict=True)
+        if own < _LEAST_EXTENT or (far and _farthest(view) > _FARTHEST)
+    ]
+
+
+def _farthest(view: View) -> float:
+    return max(float(np.abs(part).max()) for part in (view.pixels, *view.readings))
 
 
 def absurd_sentence(view: View) -> str:
     """Why a View of absurd_views is left out."""
-    farthest = max((np.abs(part).max(initial=0.0) for part in (view.pixels, *view.readings)), default=0.0)
+    farthest = _farthest(view)
+    if farthest <= _FARTHEST:
+        within = float(np.ptp(view.pixels, axis=0).max())
+        return f"{_where(view)} is left out: its {len(view.pixels)} corners lie within {within:.1f} px"
     return f"{_where(view)} is left out: a coordinate is {farthest:g}, which is in no picture and on no sheet"
 
 

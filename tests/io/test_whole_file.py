@@ -148,3 +148,38 @@ def test_an_error_of_what_is_read_is_not_blamed_on_what_is_written(tmp_path):
     with pytest.raises(FileNotFoundError, match="in'"):
         fails()
     assert list(tmp_path.iterdir()) == []
+
+
+MCAP, PNG, PDF = b"\x89MCAP0\r\n rig", b"\x89PNG\r\n\x1a\n", b"%PDF-1.4"
+
+
+@pytest.mark.parametrize(
+    ("there", "new", "said"),
+    [
+        (MCAP, b"<!doctype html>", "is MCAP and would be replaced by a page"),
+        (b"reference = 'cam0'", MCAP, "is a text and would be replaced by MCAP"),
+        (PNG, PDF, "is a picture and would be replaced by a PDF"),
+        (b"\0\1\2", b'{"a": 1}', "is another file and would be replaced by JSON"),
+    ],
+)
+def test_a_file_of_another_kind_is_not_replaced(tmp_path, there, new, said):
+    path = tmp_path / "precious"
+    path.write_bytes(there)
+    with pytest.raises(QuadrigError, match=said), written_beside(path) as beside:
+        beside.write_bytes(new)
+    assert path.read_bytes() == there
+    assert [each.name for each in tmp_path.iterdir()] == ["precious"]
+
+
+@pytest.mark.parametrize("same", [MCAP, PNG, b"name = 1", b"{}", b""])
+def test_a_file_of_the_same_kind_or_an_empty_one_is_replaced(tmp_path, same):
+    path = tmp_path / "result"
+    path.write_bytes(same)
+    with written_beside(path) as beside:
+        beside.write_bytes((same or MCAP) + b"more")
+    assert path.read_bytes().endswith(b"more")
+
+
+def test_a_dash_is_no_file():
+    with pytest.raises(QuadrigError, match="standard output"):
+        write_text("-", "text")

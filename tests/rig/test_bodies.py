@@ -147,9 +147,10 @@ def test_boards_on_a_real_body_stand_where_another_tool_has_them(load_script, sh
     degree or so of an estimate that is good to as much."""
     wide, folder = load_script("benchmarks/wide.py"), shared_data / "cube"
     boards = wide.boards(folder)
+    width, height = wide.SIZE
     sheets = [Rectangle(f"board{number}", 0.6, 0.6, moving=True, body="cube") for number in boards]
-    lens = Intrinsics(*wide.SIZE, 350.0, image_middle(*wide.SIZE), np.zeros(5), model="fisheye")
-    camera = CameraInput("wide", *wide.SIZE, lens, lens="fisheye")
+    lens = Intrinsics(width, height, 350.0, image_middle(width, height), np.zeros(5), model="fisheye")
+    camera = CameraInput("wide", width, height, lens, lens="fisheye")
     rig = calibrate([camera], sheets, wide.views(folder, "train"))
     (cube,) = rig.bodies
     placed = {

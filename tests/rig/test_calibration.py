@@ -324,3 +324,13 @@ def test_a_view_that_is_in_no_picture_is_left_out_and_named(board_rig, value):
     same_rig(rig, calibrate(made.inputs, made.rectangles, others), 1e-12)
     (said,) = [sentence for sentence in rig.weak if "is left out" in sentence]
     assert f"by {broken.camera!r} in frameset {broken.frameset} is left out: a coordinate is {abs(value):g}" in said
+
+
+@pytest.mark.parametrize(("scale", "shift"), [(0.0, 0.0), (1e-200, 0.0), (0.0, 400.0)])
+def test_a_view_all_in_one_pixel_is_left_out_and_named(board_rig, scale, shift):
+    made, _ = board_rig
+    broken, *others = made.views
+    rig = calibrate(made.inputs, made.rectangles, [replace(broken, pixels=scale * broken.pixels + shift), *others])
+    same_rig(rig, calibrate(made.inputs, made.rectangles, others), 1e-12)
+    (said,) = [sentence for sentence in rig.weak if "is left out" in sentence]
+    assert f"its {len(broken.pixels)} corners lie within 0.0 px" in said

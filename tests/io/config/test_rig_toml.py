@@ -11,7 +11,7 @@ from quadrig.io.config.rig_toml import RigConfig, config_text, parse_config, rea
 from quadrig.single.errors import QuadrigError
 from quadrig.single.markings.charuco import CharucoMarking
 from quadrig.single.markings.circle_grid import CircleGridMarking
-from quadrig.single.markings.registry import register
+from quadrig.single.markings.registry import marking_kinds, register
 from quadrig.single.markings.tag import TagMarking
 from quadrig.single.rectangle import Marking
 
@@ -108,6 +108,8 @@ WRONG = {
     "reference that moves": ('reference = "cam0"', 'reference = "board"', ["line 2", "board", "moves"]),
     "prior without focal": ("focal = 900\n", "", ["cam0", "focal"]),
     "two rotations": ("angles_deg", "quaternion_xyzw = [0, 0, 0, 1], angles_deg", ["line 9", "angles_deg"]),
+    "no number": ("angles_deg = [0", "angles_deg = [nan", ["line 9", "nan, which is no pose"]),
+    "beyond the moon": ("angles_deg = [0", "angles_deg = [1e300", ["line 9", "1e+300, which is no pose"]),
     "not TOML": ("[[camera]]", "[[camera]", ["not TOML", "line 22"]),
     "no rectangle": (ROOM, "reference = 'cam0'", ["[[rectangle]]"]),
 }
@@ -154,7 +156,10 @@ def test_a_file_that_is_not_there_is_named(tmp_path) -> None:
         read_config(tmp_path)
 
 
-def test_a_kind_of_marking_from_outside_is_read_and_written() -> None:
+def test_a_kind_of_marking_from_outside_is_read_and_written(monkeypatch) -> None:
+    # Other tests hold the kinds against what is written of them.
+    monkeypatch.setattr("quadrig.single.markings.registry._KINDS", {**marking_kinds()})
+
     @register
     @dataclass(frozen=True)
     class Crosses(Marking):

@@ -32,6 +32,7 @@ def test_folded_faces_close_to_a_cube_whose_prints_look_outward():
     met = Counter(tuple(np.round(corner, 9) + 0.0) for corner in corners.reshape(-1, 3))
     assert sorted(met.values()) == [3] * 8
     for face in faces:
+        assert face.body_from_rect is not None
         assert face.body_from_rect.translation @ face.body_from_rect.rotation[:, 2] < 0
 
 
