@@ -18,6 +18,7 @@ from quadrig.io.search.plain_sights import plain_sights
 from quadrig.io.search.separate import separate_recordings
 from quadrig.io.search.several_recordings import RecordedViews, joined
 from quadrig.rig.calibration import calibrate
+from quadrig.rig.doubt.verdict import out_of_step
 from quadrig.rig.problem.camera_input import CameraInput
 from quadrig.rig.result import Rig
 from quadrig.single.errors import QuadrigError
@@ -31,7 +32,8 @@ class Searched:
 
     rectangles: those of the rig.toml, and one more for each further recording in which one that stands still was
     seen. times: ns, of each frameset by index. notes: what was skipped, or found before, in sentences. sights: what
-    cameras that saw no rectangle show instead, in sentences.
+    cameras that saw no rectangle show instead, in sentences. solved: the rig of just these Views, where the search
+    had to solve it to know whether the chosen images suffice.
     """
 
     config: RigConfig
@@ -41,6 +43,7 @@ class Searched:
     times: list[int]
     notes: list[str]
     sights: Mapping[str, str] = field(default_factory=dict)
+    solved: Rig | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,10 +91,42 @@ def search_recording(
 ) -> Searched:
     """Open a recording and find the rectangles of a rig.toml in it; those whose corners are given by hand as given.
 
+    Where only a share of the images is wanted and in those chosen the cameras are out of step, every image is
+    searched: how a rectangle moved, and so by how much clocks are off, only neighbours in time show.
     Raises QuadrigError where there are no images, a camera of the rig.toml is missing, nothing can be read, or
     corners given by hand or lenses do not belong to this recording.
     """
     recordings, cameras, remarks = open_checked(paths, config, effort, lenses or {}, keep_lenses)
+    searched = _search_all(recordings, config, effort, cameras, remarks)
+    if effort.share >= 1 or not _may_be_out_of_step(searched):
+        return searched
+    try:
+        rig = calibrate_searched(searched)
+    except QuadrigError:
+        # Clocks that are off can leave no rig at all.
+        rig = None
+    if rig is not None and not out_of_step(rig):
+        return replace(searched, solved=rig)
+    remark = (
+        "every image was searched, not a share of them: those chosen do not fit together, and where cameras did not "
+        "take their pictures at one instant, by how much only the images between show"
+    )
+    return _search_all(recordings, config, replace(effort, share=1.0), cameras, [*remarks, remark])
+
+
+def _may_be_out_of_step(searched: Searched) -> bool:
+    """Whether several cameras saw rectangles that move."""
+    moving = {rectangle.name for rectangle in searched.rectangles if rectangle.moving}
+    return len({view.camera for view in searched.views if view.rectangle in moving}) > 1
+
+
+def _search_all(
+    recordings: Sequence[Recording],
+    config: RigConfig,
+    effort: Effort,
+    cameras: Sequence[CameraInput],
+    remarks: Sequence[str],
+) -> Searched:
     parts = [
         _search_one(recording, config, replace(effort, cache=cache_of(effort.cache, number)))
         for number, recording in enumerate(recordings)
@@ -182,6 +217,8 @@ def _cameras_of(config: RigConfig, recording: Recording) -> tuple[CameraConfig, 
 
 def calibrate_searched(searched: Searched) -> Rig:
     """The rig that the Views of a recording show. Raises QuadrigError as calibrate does."""
+    if searched.solved is not None:
+        return searched.solved
     config, sights = searched.config, searched.sights
     try:
         rig = calibrate(searched.cameras, searched.rectangles, searched.views, config.reference)

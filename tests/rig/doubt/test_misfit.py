@@ -53,3 +53,13 @@ def test_where_most_views_were_rejected_it_is_not_yet(board_rig):
     wrong = replace(rig, fits=out + rig.fits[len(out) :])
     assert verdict(wrong).grade == "not yet"
     assert "most Views were rejected" in verdict(wrong).weak[0]
+
+
+def test_views_many_of_their_own_sigmas_apart_are_not_yet(board_rig):
+    """Clocks that nobody found leave a pixel or so: less than misfits names, but far more than corners are unsure."""
+    _, rig = board_rig
+    wrong = replace(rig, fits=tuple(replace(fit, residuals=40 * fit.residuals) for fit in rig.fits))
+    assert not misfits(wrong)
+    assert verdict(wrong).grade == "not yet"
+    assert "do not fit together" in verdict(wrong).headline
+    assert verdict(wrong).weak[0].startswith("half of the Views miss the rig")
