@@ -97,9 +97,8 @@ def arguments(line: str) -> list[str]:
     if words[0] == "inspect" and "--save" not in words:
         words += ["--save", "look.rrd"]
     if words[0] == "init":
-        # Files have their own names. The size is what a person would answer.
-        words = [re.sub(r"^\w+=", "", word) for word in words]
-        words += [] if "--size" in words else ["--size", "80mm"]
+        # Files have their own names.
+        words = [re.sub(r"^\w+=(?=.*\.mp4$)", "", word) for word in words]
     return words
 
 

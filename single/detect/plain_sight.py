@@ -43,7 +43,7 @@ class PlainSight:
     """What pictures show in the place of what was looked for.
 
     rectangle: the one that is seen `mirrored`, or with another `marking`. family, ids: of tags that no rectangle
-    bears. squares: columns and rows of a chessboard.
+    bears, and in how many of the pictures each is seen. squares: columns and rows of a chessboard.
     """
 
     rectangle: str = ""
@@ -51,6 +51,7 @@ class PlainSight:
     marking: Marking | None = None
     family: TagFamily | None = None
     ids: tuple[int, ...] = ()
+    times: tuple[int, ...] = ()
     squares: tuple[int, int] = (0, 0)
 
 
@@ -122,7 +123,9 @@ def _foreign_tags(pictures: Sequence[Picture], rectangles: Sequence[Rectangle]) 
         if times >= _TIMES or _bits(family.dictionary) >= _SURE_BITS:
             ids = sorted(tag for other, tag in seen if other == family and (family, tag) not in known)
             return PlainSight(
-                family=family._replace(dictionary=_smallest(family.dictionary, max(ids))), ids=tuple(ids)
+                family=family._replace(dictionary=_smallest(family.dictionary, max(ids))),
+                ids=tuple(ids),
+                times=tuple(seen[family, tag] for tag in ids),
             )
     return None
 

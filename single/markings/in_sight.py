@@ -3,8 +3,8 @@
 No picture shows how large they are: the side of a square, or of a tag where there are no squares, is 1 here.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -33,11 +33,30 @@ _RATIOS = (0.3, 0.98)
 # Hundredths that the spacing of rough corners is off by, at most.
 _ROUGHLY = 6
 
+# What is usual, and how far a single look at a sharp picture is off: blur makes black wider or narrower by as much.
+_USUAL = {"marker": (0.75, 0.02), "spacing": (0.3, 0.01)}
+# Pictures whose corners are fitted for the spacing: each takes a second.
+_FITTED = 3
+
 # Middles (N, 2) of tags on a grid of unit step, y down, by ids (N,) counted from the first.
 Grid = Callable[[np.ndarray], Floats]
+_Board = CharucoMarking | AprilGridMarking
 
 
-def markings_in_sight(pictures: Sequence[Picture]) -> tuple[Marking, ...]:
+@dataclass(frozen=True)
+class Sighting:
+    """A marking of unit size that is in sight.
+
+    times: pictures that show a tag. estimates: of a board's side of a tag over its square (ChArUco), or of the space
+    between tags over a tag (AprilGrid), from a picture each: the marking has what they agree on.
+    """
+
+    marking: Marking
+    times: int = 1
+    estimates: tuple[float, ...] = ()
+
+
+def markings_in_sight(pictures: Sequence[Picture]) -> tuple[Sighting, ...]:
     """What grey pictures of one camera show in plain sight: one board, or single tags of one dictionary.
 
     It takes seconds.
@@ -46,14 +65,100 @@ def markings_in_sight(pictures: Sequence[Picture]) -> tuple[Marking, ...]:
     if sight is None:
         return ()
     if sight.family is None:
-        return (ChessboardMarking(*sight.squares, square=1.0),)
+        return (Sighting(ChessboardMarking(*sight.squares, square=1.0)),)
     family = sight.family
     seen = [_placed(picture, family) for picture in pictures]
-    most = max(range(len(seen)), key=lambda k: len(seen[k]))
-    board = _board(seen[most], family, max(sight.ids) + 1)
-    if isinstance(board, AprilGridMarking):
-        board = _spaced(board, pictures[most])
-    return (board,) if board is not None else tuple(TagMarking(family.dictionary, tag) for tag in sight.ids)
+    order = sorted(range(len(seen)), key=lambda k: -len(seen[k]))
+    again = {tag for tag, times in zip(sight.ids, sight.times, strict=True) if times > 1}
+    most = seen[order[0]]
+    # What one picture alone shows may be clutter, and no tag of the board.
+    for trusted in (again | (set(sight.ids) & set(most)), again):
+        board = _board({tag: quad for tag, quad in most.items() if tag in trusted}, family, trusted)
+        if board is not None:
+            kept = [({tag: quad for tag, quad in seen[k].items() if tag in trusted}, pictures[k]) for k in order]
+            return (_agreed(Sighting(board, estimates=_estimates(board, kept))),)
+    return tuple(
+        Sighting(TagMarking(family.dictionary, tag), times) for tag, times in zip(sight.ids, sight.times, strict=True)
+    )
+
+
+def together(found: Sequence[Sequence[Sighting]]) -> tuple[Sighting, ...]:
+    """What several cameras show, in whatever order they are given: of boards that bear the same tags the one seen
+    whole, with what all estimates of it agree on; of tags each one once that is on no board, with all its times."""
+    every = sorted((one for sightings in found for one in sightings), key=lambda one: repr(one.marking))
+    boards = sorted((one for one in every if one.marking.size is not None), key=_extent, reverse=True)
+    kept: list[Sighting] = []
+    for one in [*boards, *(one for one in every if one.marking.size is None)]:
+        same = next((k for k, other in enumerate(kept) if _alike(one.marking, other.marking)), None)
+        if same is None:
+            kept.append(one)
+        elif kept[same].marking.size is None:
+            kept[same] = replace(kept[same], times=kept[same].times + one.times)
+        elif _nominal(one.marking) == _nominal(kept[same].marking):
+            kept[same] = replace(kept[same], estimates=kept[same].estimates + one.estimates)
+    return tuple(_agreed(one) for one in kept)
+
+
+def _extent(sighting: Sighting) -> float:
+    # Of AprilGrids, whose spacing is estimated, as of others: what counts is how many tags are seen.
+    width, height = _nominal(sighting.marking).size or (0.0, 0.0)
+    return width * height
+
+
+def _alike(one: Marking, other: Marking) -> bool:
+    """Whether two descriptions may be of one sheet: they bear the same tags, or are both chessboards.
+
+    Dictionaries of one kind begin alike, however many tags they have.
+    """
+    if one.tags is None or other.tags is None:
+        return one.kind == other.kind
+    first, second = ((m.family.dictionary.rpartition("_")[0], m.family.inverted) for m in (one.tags, other.tags))
+    same = one.tags.family.dictionary == other.tags.family.dictionary or ("x" in first[0] and first[0] == second[0])
+    return same and first[1] == second[1] and bool(one.tags.ids & other.tags.ids)
+
+
+def _estimated(board: Marking) -> str | None:
+    """The key of what is estimated of a board, or None."""
+    return {"charuco": "marker", "aprilgrid": "spacing"}.get(board.kind)
+
+
+def _with(board: Marking, value: float) -> Marking:
+    key = _estimated(board)
+    return board if key is None else replace(board, **{key: value})
+
+
+def _nominal(board: Marking) -> Marking:
+    key = _estimated(board)
+    return board if key is None else _with(board, _USUAL[key][0])
+
+
+def _agreed(sighting: Sighting) -> Sighting:
+    """With the median of the estimates, or what is usual where it is within their doubt."""
+    key = _estimated(sighting.marking)
+    if key is None or not sighting.estimates:
+        return sighting
+    usual, single = _USUAL[key]
+    value = float(np.median(sighting.estimates))
+    # 1.48 median deviations are a sigma of normal errors; blur is common to all pictures and does not average out.
+    doubt = max(single, 1.48 * float(np.median(np.abs(np.array(sighting.estimates) - value))))
+    # Each is rounded: 0.77 is two hundredths from 0.75, whatever its last bit says.
+    value = usual if abs(value - usual) <= doubt + 1e-9 else round(value, 2)
+    return replace(sighting, marking=_with(sighting.marking, value))
+
+
+def _estimates(board: _Board, seen: Sequence[tuple[Mapping[int, Floats], Picture]]) -> tuple[float, ...]:
+    """Of what is estimated of the board, one from each picture that shows enough of it; seen: most tags first."""
+    estimates = []
+    for tags, picture in seen:
+        grid = _row_by_row(board.columns) if isinstance(board, AprilGridMarking) else _on_squares(board)
+        off, side = _fit(tags, grid)
+        if not (off < _OFF and _RATIOS[0] < side < _RATIOS[1]):
+            continue
+        if not isinstance(board, AprilGridMarking):
+            estimates.append(side)
+        elif len(estimates) < _FITTED:
+            estimates.append(_spaced(replace(board, spacing=round(1 / side - 1, 2)), picture).spacing)
+    return tuple(estimates)
 
 
 def _spaced(board: AprilGridMarking, picture: Picture) -> AprilGridMarking:
@@ -94,22 +199,18 @@ def _placed(picture: Picture, family: TagFamily) -> dict[int, Floats]:
     return dict(zip(ids, np.where(outlines.sure[:, None, None], outlines.corners, rough), strict=True))
 
 
-def _board(seen: Mapping[int, Floats], family: TagFamily, tags: int) -> Marking | None:
-    """The board whose tags lie as these do, which are the first so many of a dictionary; None where there is none."""
+def _board(seen: Mapping[int, Floats], family: TagFamily, ids: Collection[int]) -> _Board | None:
+    """The board whose tags lie as these do, with the first of a dictionary's tags up to these ids; None where there
+    is none."""
     fits = []
-    for grid, marking in _candidates(family, tags):
+    for grid, marking in _candidates(family, max(ids, default=-1) + 1):
         off, side = _fit(seen, grid)
         if off < _OFF and _RATIOS[0] < side < _RATIOS[1]:
-            fits.append((off, marking, side))
-    for _, marking, side in sorted(fits, key=lambda fit: fit[0]):
-        if isinstance(marking, CharucoMarking):
-            return replace(marking, marker=round(side, 2))
-        if isinstance(marking, AprilGridMarking):
-            return replace(marking, spacing=round(1 / side - 1, 2))
-    return None
+            fits.append((off, marking))
+    return min(fits, key=lambda fit: fit[0])[1] if fits else None
 
 
-def _candidates(family: TagFamily, tags: int) -> Iterator[tuple[Grid, Marking]]:
+def _candidates(family: TagFamily, tags: int) -> Iterator[tuple[Grid, _Board]]:
     """Boards of every number of columns that bear so many tags, or a few more in their last row."""
     for columns in range(2, _MOST_COLUMNS + 1):
         for legacy in (False, True):
@@ -152,12 +253,14 @@ def _row_by_row(columns: int) -> Grid:
 
 def _fit(seen: Mapping[int, Floats], grid: Grid) -> tuple[float, float]:
     """How far (RMS, steps) the tags are from a plane's picture of the grid, and the side of a tag there, in steps."""
+    if len(seen) < _FEWEST:
+        return np.inf, 0.0
     ids, quads = np.array(list(seen)), np.stack(list(seen.values()))
     try:
         places = grid(ids)
     except IndexError:
         return np.inf, 0.0
-    if len(ids) < _FEWEST or min(np.ptp(places, axis=0)) < 1:
+    if min(np.ptp(places, axis=0)) < 1:
         return np.inf, 0.0
     grid_from_image, _ = cv2.findHomography(quads.mean(axis=1), places)
     if grid_from_image is None:
