@@ -54,7 +54,7 @@ def init(
 
     What no picture shows is asked for: how large they are. Measure it on paper, after printing.
 
-    Examples: rig init room.mcap --size tag=200mm --size charuco=40mm; rig init left=0 right=1 --print
+    Example: rig init room.mcap --size tag=200mm --size charuco=40mm
     """
     if not only_print:
         refuse_no_place(output)
