@@ -24,11 +24,11 @@ def path(time):
 def recorded(framesets, seen=NAMES, lag=(0.0, 0.005, -0.003, 0.0), rate=20.0):
     """Views of the sheet in these framesets, stamped some ms apart, and of a wall that the first two cameras see."""
     views = [
-        View("sheet", SHEET.corners, SHEET.corners[:, :2], name, k, time=k / rate + lag[NAMES.index(name)])
+        View("sheet", SHEET.corners, 1e3 * SHEET.corners[:, :2], name, k, time=k / rate + lag[NAMES.index(name)])
         for k in framesets
         for name in seen
     ]
-    views += [View("wall", WALL.corners, WALL.corners[:, :2], name, 0, time=0.0) for name in "ab"]
+    views += [View("wall", WALL.corners, 1e3 * WALL.corners[:, :2], name, 0, time=0.0) for name in "ab"]
     return build_problem([CameraInput(name, 640, 480) for name in NAMES], [SHEET, WALL], views)
 
 

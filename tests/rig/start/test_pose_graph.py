@@ -138,7 +138,7 @@ def told(rows, rectangles=(SHEET, TAG)):
 
     rows: (camera, rectangle, frameset, [(camera_from_rect, cost, sigma)]).
     """
-    views = [View(r, SHEET.corners, SHEET.corners[:, :2], camera, frameset) for camera, r, frameset, _ in rows]
+    views = [View(r, SHEET.corners, 1e3 * SHEET.corners[:, :2], camera, frameset) for camera, r, frameset, _ in rows]
     names = sorted({camera for camera, *_ in rows})
     problem = build_problem([CameraInput(name, 640, 480) for name in names], rectangles, views)
     own = {(camera, rectangle, frameset): found for camera, rectangle, frameset, found in rows}
