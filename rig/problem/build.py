@@ -25,8 +25,8 @@ _MOST_REPEATS = 2
 _FEWEST_POINTS = 4
 # Pixels, or metres: a hundred times what the largest picture has, and what no sheet is apart.
 _FARTHEST = 1e7
-# px: a View all in one pixel says nothing of its rectangle, and its lens-free start drags the whole camera away.
-_LEAST_EXTENT = 1.0
+# px: far below what any detector tells apart; a View all at one point drags its whole camera away.
+_LEAST_EXTENT = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -190,7 +190,7 @@ def _problem(
 
 def absurd_views(views: Sequence[View]) -> list[View]:
     """Views with a point or pixel that is in no picture and on no sheet: their squares would drown all others; and
-    those all in one pixel, which drag their camera away."""
+    those all at one point, which drag their camera away."""
     whole = [view for view in views if len(view.pixels) >= _FEWEST_POINTS]
     if not whole:
         return []
