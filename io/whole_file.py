@@ -133,7 +133,8 @@ def _refuse_other_kind(path: Path | str, place: Path, beside: Path) -> None:
 def _kind(file: Path) -> str | None:
     """What a file is by how it begins, in words; None where there is none, or nothing in it."""
     try:
-        begin = file.open("rb").read(_BEGINNING)
+        with file.open("rb") as stream:
+            begin = stream.read(_BEGINNING)
     except FileNotFoundError:
         return None
     if not begin:

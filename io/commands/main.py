@@ -53,17 +53,15 @@ def main() -> None:
     """The entry point of `rig`: runs a command and exits with its code, never with a traceback."""
     if os.environ.get("RIG_TRACEBACK") != "1":
         silence_libraries()
-    for name in _AS_CTRL_C:
-        number = getattr(signal, name, None)
-        # What is ignored (nohup) stays so.
-        if number is not None and signal.getsignal(number) is signal.SIG_DFL:
-            signal.signal(number, signal.default_int_handler)
+    numbers = [getattr(signal, name) for name in _AS_CTRL_C if hasattr(signal, name)]
+    # What is ignored (nohup) stays so.
+    ours = [number for number in numbers if signal.getsignal(number) is signal.SIG_DFL]
+    for number in ours:
+        signal.signal(number, signal.default_int_handler)
     code = run(sys.argv[1:])
-    for name in _AS_CTRL_C:
-        number = getattr(signal, name, None)
-        # All is written, and nothing is left that could be interrupted in order.
-        if number is not None and signal.getsignal(number) is signal.default_int_handler:
-            signal.signal(number, signal.SIG_DFL)
+    # All is written, and nothing is left that could be interrupted in order.
+    for number in ours:
+        signal.signal(number, signal.SIG_DFL)
     sys.exit(code)
 
 

@@ -44,9 +44,11 @@ class Viewer:
         if not (web or options or has_screen()):
             raise QuadrigError("there is no screen here for the rerun viewer; use --web for a browser or --no-viewer")
         port, self.page = free_port(), ""
+        ports = [port]
         command = [_executable(), "--bind", "127.0.0.1", "--port", str(port), "--memory-limit", _MEMORY, *options]
         if web:
             web_port = free_port()
+            ports.append(web_port)
             command += ["--serve-web", "--web-viewer-port", str(web_port)]
             self.page = f"http://127.0.0.1:{web_port}/?url=rerun%2Bhttp://127.0.0.1:{port}/proxy"
         self.address = f"rerun+http://127.0.0.1:{port}/proxy"
@@ -66,7 +68,8 @@ class Viewer:
             # Drawing takes all it can get, in software most of all: the search comes first.
             os.setpriority(os.PRIO_PGRP, self._process.pid, _NICE)
         try:
-            self._wait_for(port)
+            for each in ports:
+                self._wait_for(each)
         except BaseException:
             self.close(force=True)
             raise

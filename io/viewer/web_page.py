@@ -6,12 +6,10 @@ hand over the viewer's files, before there is anything to see, and are gone when
 """
 
 import threading
-import time
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from urllib.error import URLError
 from urllib.parse import quote
 from urllib.request import urlopen
 
@@ -50,16 +48,8 @@ def viewer_files() -> dict[str, Reply]:
 
 
 def _read(address: str) -> bytes:
-    until = time.monotonic() + _PATIENCE
-    while True:
-        try:
-            with urlopen(address, timeout=_PATIENCE) as answer:
-                return answer.read()
-        except URLError as error:
-            # On a busy machine the viewer's server takes seconds to listen.
-            if not isinstance(error.reason, ConnectionRefusedError) or time.monotonic() > until:
-                raise
-            time.sleep(0.2)
+    with urlopen(address, timeout=_PATIENCE) as answer:
+        return answer.read()
 
 
 class PageViewer:
