@@ -1,5 +1,8 @@
 """Files for the rerun viewer, written whole or not at all."""
 
+import os
+import tempfile
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -8,7 +11,9 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from quadrig.io.whole_file import written_beside
-from quadrig.single.errors import QuadrigError
+
+# Bytes that a pipe hands over at once.
+_PIECE = 1 << 16
 
 
 @contextmanager
@@ -17,14 +22,50 @@ def rrd_written(path: Path, name: str, blueprint: rrb.Blueprint) -> Iterator[rr.
 
     Raises QuadrigError as written_beside does.
     """
-    with written_beside(path) as beside:
+    with written_beside(path) as beside, _draining_into(beside) as sink:
         stream = rr.RecordingStream(name)
         try:
-            stream.save(str(beside), default_blueprint=blueprint)
+            stream.save(str(sink), default_blueprint=blueprint)
             yield stream
-            stream.flush()
-        except RuntimeError as error:
-            # Its own thread writes, and says no more than that it ended.
-            raise QuadrigError(f"cannot write {path}: {error}; make room, or choose another place") from error
         finally:
             stream.disconnect()
+
+
+@contextmanager
+def _draining_into(path: Path) -> Iterator[Path]:
+    """A pipe whose bytes go into `path`. Raises OSError where they find no room, when all of them were taken.
+
+    rerun waits for its own writing thread, and for ever where that dies of a full disk: here it never does.
+    """
+    if not hasattr(os, "mkfifo"):  # Windows: a full disk ends in rerun's own words there
+        yield path
+        return
+    with tempfile.TemporaryDirectory() as folder:
+        pipe = Path(folder) / "rrd"
+        os.mkfifo(pipe)
+        # Open at both ends before rerun comes: neither waits for the other, and the end is there when all let go.
+        source = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)
+        keeper = os.open(pipe, os.O_WRONLY)
+        os.set_blocking(source, True)
+        errors: list[OSError] = []
+        thread = threading.Thread(target=_drain, args=(source, path, errors), name="rrd", daemon=True)
+        thread.start()
+        try:
+            yield pipe
+        finally:
+            os.close(keeper)
+            thread.join()
+            os.close(source)
+        if errors:
+            raise errors[0]
+
+
+def _drain(source: int, path: Path, errors: list[OSError]) -> None:
+    try:
+        with path.open("wb") as file:
+            while piece := os.read(source, _PIECE):
+                file.write(piece)
+    except OSError as error:
+        errors.append(error)
+        while os.read(source, _PIECE):
+            pass

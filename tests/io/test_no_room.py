@@ -73,12 +73,15 @@ def test_a_command_says_so_in_one_sentence(folder, capsys, command, room):
     assert contents(folder) == before
 
 
-def test_what_rerun_writes_is_said_as_well(folder, capsys):
+# In the first bytes, and when most of the file is there.
+@pytest.mark.parametrize("room", [20, 20_000, 150_000])
+def test_what_rerun_writes_is_said_as_well(folder, capsys, room):
     before = contents(folder)
-    with no_room(20_000):
+    with no_room(room):
         assert run(["inspect", "rig.mcap", "--save", "x.rrd"]) == 1
     (said,) = capsys.readouterr().err.splitlines()
     assert said.startswith("rig: cannot write x.rrd: ")
+    assert "make room" in said
     assert contents(folder) == before
 
 
