@@ -24,6 +24,8 @@ _LITTLE_COVER = 0.4
 _GRID = 4
 # So many groups of rejected Views are named.
 _NAMED = 3
+# So many corners farthest out, most of which stray, are no chance: one of two hundred strays where a lens fits.
+_EDGE = 20
 # Fifths of a recording that disagree by this much more than noise explains, in variance, are worth a word.
 _DISAGREES = 1.5
 
@@ -65,7 +67,25 @@ def _of_camera(rig: Rig, camera: Camera) -> list[str]:
             f"{camera.name}: its pictures differ from its lens model by {camera.remainder:.2f} px, smoothly; poses "
             "and sigmas reckon with it, other software will not know"
         )
-    return sentences
+    return sentences + _past_its_lens(rig, camera)
+
+
+def _past_its_lens(rig: Rig, camera: Camera) -> list[str]:
+    """From where on outward the corners of a picture mostly stray, for which its lens model is at fault."""
+    fits = [fit for fit in rig.fits if fit.view.camera == camera.name and not fit.rejected]
+    pixels = np.concatenate([np.zeros((0, 2)), *(fit.view.pixels for fit in fits)])
+    strays = ~np.concatenate([np.zeros(0, bool), *(fit.used for fit in fits)])
+    distance = np.linalg.norm(pixels - camera.intrinsics.principal_point, axis=1)
+    outward = np.argsort(-distance)
+    count = np.arange(1, len(outward) + 1)
+    mostly = count[2 * np.cumsum(strays[outward]) > count]
+    if not len(mostly) or mostly[-1] < _EDGE:
+        return []
+    outer = outward[: mostly[-1]]
+    return [
+        f"{camera.name}: its lens model does not hold beyond {distance[outer[-1]]:.0f} px from the middle, where "
+        f"{strays[outer].sum()} of {len(outer)} corners stray and are left out; trust nothing seen there"
+    ]
 
 
 def _covered(rig: Rig) -> list[str]:

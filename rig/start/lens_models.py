@@ -15,8 +15,9 @@ _BETTER = 0.5
 # Degrees of freedom of a camera's Views, its lens's own taken off, from which so much less is no chance: the odds are
 # 2 to that power, and one lens in ten is a fisheye. Fewer cannot tell.
 _ENOUGH = 40
-# Steps by which lenses of both models are compared: what a fit is short of is not to be taken for a model's fault.
-_STEPS = 15
+# Steps by which lenses of both models are compared: what a fit is short of is not to be taken for a model's fault. Of
+# pinholes whose first focal is far off, 15 are too few.
+_STEPS = 40
 
 
 def with_lens_models(problem: Problem, alone: FirstCameras) -> tuple[Problem, FirstCameras]:
@@ -35,4 +36,4 @@ def with_lens_models(problem: Problem, alone: FirstCameras) -> tuple[Problem, Fi
         return problem, alone
     cameras = [replace(c, lens="fisheye") if c.name in names else c for c in problem.cameras]
     found = replace(problem, cameras=tuple(cameras))
-    return found, first_cameras(found)
+    return found, first_cameras(found, _STEPS)

@@ -26,6 +26,7 @@ from quadrig.rig.problem.observations import Joins, Observations, pack
 from quadrig.single.arrays import Floats, Ints, Mask
 from quadrig.single.lens import image_middle, unproject
 from quadrig.single.lens_prior import usual_focal
+from quadrig.single.lens_table import FISHEYE_FOCAL
 from quadrig.single.pose import Pose
 from quadrig.single.rectangle import rectangle_corners
 from quadrig.single.rotation import nearest_rotation
@@ -38,6 +39,8 @@ from quadrig.single.solve.planar_pose import planar_poses
 _SHORTEST, _LONGEST = 0.05, 20.0
 # The focal that a camera starts from when no View of its determines it: 53 degrees across.
 _USUAL_FOCAL = 1.0
+# Focals that a fisheye may begin from, in sigmas of what fisheyes have: a seventh apart, which a few steps bridge.
+_FISHEYE_FOCALS = np.arange(-2.5, 3.01, 0.5)
 # A twin whose chi-square is this much above the first candidate's is out of the question (e^-20).
 _TWIN_COST = 40.0
 # Steps of each camera by itself: the joint adjustment follows.
@@ -126,7 +129,24 @@ def _first_lenses(problem: Problem, observations: Observations) -> Floats:
             lens[row, 0] = _weighted_median(focal[own], weight[own])
     given = np.array([camera.intrinsics is not None for camera in problem.cameras])
     lens[:, 0] = np.where(given, lens[:, 0], usual_focal(larger, problem.models, lens[:, 0]))
-    return lens
+    fisheyes = ~given & np.array([model == "fisheye" for model in problem.models])
+    return _with_fisheye_focals(observations, lens, fisheyes, larger) if fisheyes.any() else lens
+
+
+def _with_fisheye_focals(observations: Observations, lens: Floats, which: Mask, larger: Floats) -> Floats:
+    """Lenses (C, 9), of fisheyes (C,) with the one of some focals under which the median View fits best: towards the
+    edge of its picture, boards that are seen by a fisheye have a pinhole's focal that is twice as long."""
+    best, least = lens.copy(), np.full(len(lens), np.inf)
+    for sigmas in _FISHEYE_FOCALS:
+        tried = lens.copy()
+        tried[which, 0] = larger[which] * np.exp(FISHEYE_FOCAL[0] + sigmas * FISHEYE_FOCAL[1])
+        _, errors = _both_poses(observations, tried)
+        for camera in np.flatnonzero(which):
+            own = errors[observations.camera == camera, 0]
+            miss = tried[camera, 0] * np.median(own) if len(own) else np.inf
+            if miss < least[camera]:
+                best[camera], least[camera] = tried[camera], miss
+    return best
 
 
 def _focals(points: Floats, pixels: Floats, weights: Floats, middle: Floats) -> tuple[Floats, Floats]:
