@@ -30,17 +30,6 @@ def parts(views: list[View], blocks: int) -> list[list[View]]:
     return [[view for view in views if part[view.frameset] == side] for side in (0, 1)]
 
 
-def lens_distances(first: Rig, second: Rig) -> list[float]:
-    """Of each camera the squared Mahalanobis distance of its lens in one rig from that in the other, and freedoms."""
-    found = []
-    for camera in first.cameras:
-        away = second.camera(camera.name).intrinsics.parameters - camera.intrinsics.parameters
-        doubt = first.lens_covariance(camera.name) + second.lens_covariance(camera.name)
-        free = np.diagonal(doubt) > 0
-        found.append(float(away[free] @ np.linalg.solve(doubt[np.ix_(free, free)], away[free])) / free.sum())
-    return found
-
-
 def solved(rig: Rig, views: list[View]) -> Rig:
     """The cameras of a rig calibrated anew, nothing given, from some of its Views."""
     inputs = [CameraInput(c.name, c.intrinsics.width, c.intrinsics.height) for c in rig.cameras]
@@ -55,8 +44,10 @@ def row(path: Path, name: str, blocks: int) -> list[str]:
         first, second = (solved(rig, side) for side in sides)
     except QuadrigError as error:
         return [path.stem, name, str(error), "", ""]
-    lens = np.sqrt(lens_distances(first, second))
-    pose: Floats = np.array([one.sigmas for one in compare(first, second).cameras])
+    every = [one.apart for one in compare(first, second).cameras]
+    lens, pose = (
+        np.array([one[part].sigmas / np.sqrt(one[part].freedoms) for one in every]) for part in ("lens", "pose")
+    )
     moved = find_moved(first, [placed.rectangle for placed in rig.rectangles], sides[1])
     alarms = [move.name for move in moved if move.state == "moved"]
     return [path.stem, name, _figures(lens), _figures(pose), ", ".join(alarms) or "none"]

@@ -1,6 +1,7 @@
 """Figures in words, as people write and read them."""
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -96,3 +97,8 @@ def _sigma_decimals(sigma: float) -> int:
 def counted(number: int, word: str) -> str:
     """ "1 View", "2 Views"."""
     return f"{number} {word}" if number == 1 else f"{number} {word}s"
+
+
+def listed(parts: Sequence[str]) -> str:
+    """ "a", "a and b", "a, b and c"."""
+    return " and ".join([", ".join(parts[:-1]), parts[-1]] if len(parts) > 1 else parts)

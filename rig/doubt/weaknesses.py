@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from quadrig.rig.result import Camera, Rig, ViewFit
+from quadrig.rig.words import listed
 from quadrig.single.arrays import Floats
 
 # Above this many per cent the focal is what limits distances measured with a camera.
@@ -94,7 +95,7 @@ def _covered(rig: Rig) -> list[str]:
     if not little:
         return []
     shares = [f"{100 * cover[c.name]:.0f} % of {c.name}" for c in little]
-    return [f"corners covered little of the pictures, {_listed(shares)}; a lens is a guess in the rest"]
+    return [f"corners covered little of the pictures, {listed(shares)}; a lens is a guess in the rest"]
 
 
 def clock_offsets(rig: Rig) -> tuple[str, dict[str, float]]:
@@ -122,13 +123,9 @@ def clocks_apart(rig: Rig) -> list[str]:
     if not when:
         return []
     return [
-        f"clocks disagree: against {base}, pictures of the same stamp were taken {_listed(when)}; "
+        f"clocks disagree: against {base}, pictures of the same stamp were taken {listed(when)}; "
         "allowed for here, but other software will not know"
     ]
-
-
-def _listed(parts: list[str]) -> str:
-    return " and ".join([", ".join(parts[:-1]), parts[-1]] if len(parts) > 1 else parts)
 
 
 def coverage(rig: Rig) -> dict[str, float]:
@@ -160,4 +157,4 @@ def _rejected(fits: Sequence[ViewFit]) -> list[str]:
     rest = sum(len(seen) for _, seen in most[_NAMED:])
     total = sum(len(seen) for seen in out.values())
     were = "was" if total == 1 else "were"
-    return [f"{total} of {len(fits)} Views {were} rejected: {_listed([*named, *([f'{rest} more'] if rest else [])])}"]
+    return [f"{total} of {len(fits)} Views {were} rejected: {listed([*named, *([f'{rest} more'] if rest else [])])}"]

@@ -1,11 +1,9 @@
 """Two rigs in one space in rerun: the first in colour, the second in grey, arrows from one to the other."""
 
-from collections.abc import Sequence
-
 import rerun as rr
 import rerun.blueprint as rrb
 
-from quadrig.io.drawing.difference_columns import difference_columns
+from quadrig.io.drawing.differences import ALONG, difference_columns, difference_sentences
 from quadrig.io.drawing.geometry import apart, extent, first_eye, positions, round_down
 from quadrig.io.drawing.palette import FAULT, STATIC, rig_colours
 from quadrig.io.drawing.tables import markdown_table
@@ -14,7 +12,6 @@ from quadrig.io.viewer.inspect.space import log_frustum
 from quadrig.io.viewer.shapes import named_points
 from quadrig.rig.comparison import Comparison
 from quadrig.rig.result import Rig
-from quadrig.rig.words import ONE_SIGMA
 
 
 def comparison_blueprint(first: Rig) -> rrb.Blueprint:
@@ -28,9 +25,7 @@ def comparison_blueprint(first: Rig) -> rrb.Blueprint:
     )
 
 
-def log_comparison(
-    recording: rr.RecordingStream, first: Rig, second: Rig, found: Comparison, sentences: Sequence[str]
-) -> None:
+def log_comparison(recording: rr.RecordingStream, first: Rig, second: Rig, found: Comparison) -> None:
     """Log both rigs, the second aligned, and the differences in words."""
     colours, size = rig_colours(first), extent(first)
     recording.log("space", rr.ViewCoordinates.RDF, static=True)
@@ -49,7 +44,7 @@ def log_comparison(
     vectors = [scale * one.step[3:] for one in found.cameras]
     arrows = rr.Arrows3D(origins=origins, vectors=vectors, colors=[FAULT], radii=0.004 * size)
     recording.log("space/shifts", arrows, static=True)
-    text = rr.TextDocument(_markdown(found, sentences, scale), media_type="text/markdown")
+    text = rr.TextDocument(_markdown(found, scale), media_type="text/markdown")
     recording.log("summary", text, static=True)
 
 
@@ -61,17 +56,17 @@ def _arrow_scale(size: float, found: Comparison) -> float:
     return max(round_down(0.2 * size / longest), 1.0)
 
 
-def _markdown(found: Comparison, sentences: Sequence[str], scale: float) -> str:
+def _markdown(found: Comparison, scale: float) -> str:
+    headline, *sentences = difference_sentences(found)
     note = f"First in colour, second grey; red arrows: shifts, drawn {scale:.0f} times longer."
     return "\n".join(
         [
-            f"## {sentences[0]}",
+            f"## {headline}",
             "",
-            *sentences[1:],
-            "",
+            *(line for sentence in sentences for line in (sentence, "")),
             *markdown_table(difference_columns(found)),
             "",
-            ONE_SIGMA,
+            ALONG,
             "",
             note,
         ]
