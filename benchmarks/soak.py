@@ -6,7 +6,9 @@
 Four cameras of 640x360 at ten frames a second look at a board that is carried about and never comes to the same place
 twice: videos of that length, drawn beforehand, then played in real time, searched, recorded and solved as live
 cameras are. Memory is what this process and its solver hold, the mean of each minute; that of the last is held
-against that of the second.
+against that of the second. How many framesets there are in a minute depends on what else the machine does, so the
+rate is judged by the processor's time for one: that of all threads but those that play the videos, which go on
+whether or not a frameset is taken.
 """
 
 import argparse
@@ -75,7 +77,7 @@ class Meter:
 
 @dataclass
 class Memory:
-    """What a session's processes hold, s and bytes, and the processor's time, s, of this one."""
+    """What a session's processes hold, s and bytes, and the processor's time, s, of what works on framesets."""
 
     times: list[float] = field(default_factory=list)
     bytes: list[int] = field(default_factory=list)
@@ -87,7 +89,12 @@ class Memory:
         while not done.wait(_LOOK_EVERY):
             self.times.append(time.monotonic())
             self.bytes.append(sum(p.memory_info().rss for p in (own, *own.children(recursive=True))))
-            self.processor.append(time.process_time())
+            self.processor.append(_spent_on_framesets(own))
+
+
+def _spent_on_framesets(own: psutil.Process) -> float:
+    named = {thread.native_id for thread in threading.enumerate() if not thread.name.startswith("source ")}
+    return sum(one.user_time + one.system_time for one in own.threads() if one.id in named)
 
 
 def main() -> None:
@@ -172,9 +179,11 @@ def show(meter: Meter, memory: Memory) -> None:
         rows.append((count / 60, cost, np.count_nonzero(within[1]), held[within[2]].mean()))
         print(f"{minute + 1:6}  {rows[-1][0]:11.2f}  {cost:27.1f}  {rows[-1][2]:9}  {rows[-1][3]:5.1f}")
     if len(rows) > 2:
-        growth, rate = rows[-1][3] / rows[1][3] - 1, rows[-1][0] / rows[1][0]
+        growth, cost = rows[-1][3] / rows[1][3] - 1, rows[-1][1] / rows[1][1]
         print(f"{meter.kept} framesets kept, {len(solutions)} solutions")
-        print(f"memory of the last minute {growth:+.1%} of the second's, rate {rate:.3f} of it")
+        print(
+            f"memory of the last minute {growth:+.1%} of the second's, processor's time a frameset {cost:.3f} of it"
+        )
 
 
 def fleet(count: int, kill_every: float) -> None:

@@ -6,11 +6,12 @@ import shlex
 import stat
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO
 
+from quadrig.io.file_kind import file_kind, sign_picture
 from quadrig.single.errors import QuadrigError
 
 try:
@@ -24,23 +25,10 @@ LARGEST_TEXT = 1 << 25
 LARGEST_OF_CAMERAS = 4_000_000
 """Bytes of a thousand cameras with all their digits; YAML is read at a megabyte a second."""
 
-# How files begin that cannot be made again, or that are written here.
-_KINDS = (
-    (b"\x89MCAP0", "MCAP"),
-    (b"\x89PNG", "a picture"),
-    (b"\xff\xd8\xff", "a picture"),
-    (b"%PDF", "a PDF"),
-    (b"RRF", "a recording of rerun"),
-    (b"<!doctype html", "a page"),
-    (b"<!DOCTYPE html", "a page"),
-    (b"#ROSBAG", "a ROS bag"),
-    (b"SQLite", "a ROS bag"),
-    (b"{", "JSON"),
-)
-_BEGINNING = 512
-
 # What this process holds: a command holds its place from the start, and what writes there goes through it.
 _held: set[Path] = set()
+# What its command reads: nothing is written there.
+_read: set[Path] = set()
 # Of the command of another process so many characters are said: enough to know it by.
 _COMMAND = 80
 
@@ -112,7 +100,8 @@ def written_beside(path: Path | str) -> Iterator[Path]:
             raise cannot_write(path, error) from error
         try:
             yield beside
-            _refuse_other_kind(path, place, beside)
+            sign_picture(beside)
+            refuse_other_kind(path, file_kind(beside))
             beside.replace(place)
         except OSError as error:
             # One that names another file is of what was read.
@@ -124,25 +113,23 @@ def written_beside(path: Path | str) -> Iterator[Path]:
                 beside.unlink(missing_ok=True)
 
 
-def _refuse_other_kind(path: Path | str, place: Path, beside: Path) -> None:
-    there, new = (_kind(file) for file in (place, beside))
-    if there not in (None, new):
-        raise QuadrigError(f"{path} is {there} and would be replaced by {new}; choose another place, or remove it")
-
-
-def _kind(file: Path) -> str | None:
-    """What a file is by how it begins, in words; None where there is none, or nothing in it."""
+@contextmanager
+def only_read(paths: Iterable[Path]) -> Iterator[None]:
+    """Files that a command was given to read: until the block ends, nothing is written in their place."""
+    added = {path.resolve() for path in paths} - _read
+    _read.update(added)
     try:
-        with file.open("rb") as stream:
-            begin = stream.read(_BEGINNING)
-    except FileNotFoundError:
-        return None
-    if not begin:
-        return None
-    known = next((kind for sign, kind in _KINDS if begin.startswith(sign)), None)
-    if known is not None:
-        return known
-    return "another file" if b"\0" in begin else "a text"
+        yield
+    finally:
+        _read.difference_update(added)
+
+
+def refuse_other_kind(path: Path | str, new: str | None) -> None:
+    """Raises QuadrigError where a file is there that is of another kind (file_kind) than what would replace it."""
+    there = file_kind(Path(path))
+    if there not in (None, new):
+        new = new or "an empty file"
+        raise QuadrigError(f"{path} is {there} and would be replaced by {new}; choose another place, or move it away")
 
 
 def new_part(place: Path) -> Path:
@@ -164,7 +151,7 @@ def cannot_write(path: Path | str, error: OSError) -> QuadrigError:
 
 def refuse_no_place(path: Path) -> None:
     """Raises QuadrigError where no file may be written: over a folder, a device or a pipe, over what is read-only,
-    or where its folder is absent, and for "-", which is no standard output here."""
+    over what this command reads, or where its folder is absent, and for "-", which is no standard output here."""
     if str(path) == "-":
         raise QuadrigError("nothing is written to standard output but what a command prints; give the name of a file")
     try:
@@ -182,6 +169,10 @@ def refuse_no_place(path: Path) -> None:
         raise QuadrigError(f"{path} is a device, a pipe or a socket; give the name of a file to write")
     if not os.access(path, os.W_OK):
         raise QuadrigError(f"{path} is read-only; choose another place, or make it writable")
+    if path.resolve() in _read:
+        raise QuadrigError(
+            f"{path} is what this command reads, and would be written over; name another file to write"
+        )
 
 
 def write_text(path: Path | str, text: str) -> None:

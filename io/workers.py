@@ -7,12 +7,13 @@ import signal
 import sys
 import threading
 import time
+from collections import Counter, deque
 from collections.abc import Callable, Generator, Iterator, Sequence
-from concurrent.futures import Executor, Future, ProcessPoolExecutor, as_completed
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, as_completed, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from types import FrameType
-from typing import TypeVar
+from typing import Generic, TypeVar
 
 import cv2
 
@@ -21,8 +22,12 @@ from quadrig.single.errors import QuadrigError
 Task = TypeVar("Task")
 Result = TypeVar("Result")
 
-# A worker may be killed by chance (memory, a colleague); a task that kills three in a row is itself the cause.
-_ROUNDS_WITHOUT_PROGRESS = 3
+# A worker may be killed by chance (memory, a colleague); a task at which three were is itself the cause.
+MOST_KILLS = 3
+"""So many workers are ended at one task before it is given up."""
+ENDED_TOO_OFTEN = f"a worker process was ended {MOST_KILLS} times at the same task"
+# A worker has one task to go on with when it is done with the one before, however busy the caller is with results.
+_TASKS_AHEAD = 2
 # A process that is asked to end is gone in milliseconds, unless the disk holds it; Ctrl-C promises a second.
 _SECONDS_TO_END = 0.3
 
@@ -37,12 +42,14 @@ def run_tasks(
     tasks: Sequence[Task],
     workers: int | None = None,
     executor: Executor | None = None,
+    given_up: Callable[[Task], Result] | None = None,
 ) -> Generator[tuple[int, Result], None, None]:
     """Index and result of each task, in the order of completion. function and tasks must be picklable.
 
     workers: processes of a pool of our own, 1: none but this one. executor: used instead, where given.
-    A process that is killed loses nothing: its tasks are done again. Raises QuadrigError where that does not help,
-    and lets through what a task raises. When the caller stops early, or is interrupted, the workers are ended.
+    A process that is killed loses nothing: its task is done again. Where MOST_KILLS were ended at one task, given_up
+    says what stands for its result; without it, raises QuadrigError. Lets through what a task raises. When the caller
+    stops early, or is interrupted, the workers are ended.
     """
     workers = default_workers() if workers is None else workers
     if executor is not None:
@@ -51,54 +58,104 @@ def run_tasks(
         for index, task in enumerate(tasks):
             yield index, function(task)
     else:
-        yield from _over_pool(function, tasks, min(workers, len(tasks)))
+        yield from _over_lanes(function, tasks, min(workers, len(tasks)), given_up)
 
 
-def _over_pool(
-    function: Callable[[Task], Result], tasks: Sequence[Task], workers: int
+def _over_lanes(
+    function: Callable[[Task], Result],
+    tasks: Sequence[Task],
+    workers: int,
+    given_up: Callable[[Task], Result] | None,
 ) -> Iterator[tuple[int, Result]]:
-    left = dict(enumerate(tasks))
-    failures = 0
-    while left:
-        try:
-            with _pool(workers) as pool:
-                for index, result in _completed(pool, function, list(left.items())):
-                    del left[index]
-                    failures = 0
+    waiting, kills = deque(range(len(tasks))), Counter[int]()
+    with _lanes(function, tasks, workers) as lanes:
+        while True:
+            for lane in lanes:
+                lane.fill(waiting, spare=len(lanes))
+            running = [future for lane in lanes for future, _ in lane.given]
+            if not running:
+                return
+            wait(running, return_when=FIRST_COMPLETED)
+            for lane in lanes:
+                while lane.given and lane.given[0][0].done():
+                    future, index = lane.given.popleft()
+                    try:
+                        result = future.result()
+                    except BrokenProcessPool as error:
+                        kills[index] += 1
+                        # The tasks behind it are as they were.
+                        waiting.extendleft(behind for _, behind in reversed(lane.given))
+                        lane.renew()
+                        if kills[index] < MOST_KILLS:
+                            waiting.appendleft(index)
+                            break
+                        if given_up is None:
+                            raise QuadrigError(
+                                f"{ENDED_TOO_OFTEN}; is there enough memory? use fewer workers"
+                            ) from error
+                        result = given_up(tasks[index])
+                    lane.fill(waiting, spare=len(lanes))
                     yield index, result
-        except BrokenProcessPool as error:
-            failures += 1
-            if failures == _ROUNDS_WITHOUT_PROGRESS:
-                raise QuadrigError(
-                    f"a worker process was ended {failures} times in a row, {len(left)} tasks are left; "
-                    "is there enough memory? use fewer workers"
-                ) from error
+
+
+class _Lane(Generic[Task, Result]):
+    """One worker process, replaced when it is killed, and the tasks it was given, the first of which it works on.
+
+    Pools of one each: where a worker of a larger one is killed, Python ends all of its others.
+    """
+
+    def __init__(self, function: Callable[[Task], Result], tasks: Sequence[Task]) -> None:
+        self._function, self._tasks = function, tasks
+        self.given: deque[tuple[Future[Result], int]] = deque()
+        self.renew()
+
+    def renew(self) -> None:
+        """Begin anew without any task."""
+        self.given.clear()
+        # Not forked: the threads that OpenCV has by now would be missing in the child, which waits for them for ever.
+        context = multiprocessing.get_context("spawn")
+        self._pool = ProcessPoolExecutor(1, mp_context=context, initializer=_begin_worker)
+
+    def fill(self, waiting: deque[int], spare: int) -> None:
+        """Take the next of the tasks that wait; one ahead only while there are more than `spare`."""
+        while waiting and len(self.given) < (_TASKS_AHEAD if len(waiting) > spare else 1):
+            try:
+                with _starting_processes(with_script=self._function.__module__ == "__main__"):
+                    future = self._pool.submit(_run, self._function, self._tasks[waiting[0]])
+            except BrokenProcessPool:
+                # It was killed while it had nothing to do, or what it had is found lost when it is looked at.
+                if self.given:
+                    return
+                self.renew()
+                continue
+            self.given.append((future, waiting.popleft()))
+
+    def close(self, finished: bool) -> None:
+        """Let go of the process, which is waited for where all is done."""
+        self._pool.shutdown(wait=finished, cancel_futures=True)
 
 
 def _completed(
     executor: Executor, function: Callable[[Task], Result], tasks: Sequence[tuple[int, Task]]
 ) -> Iterator[tuple[int, Result]]:
-    with _starting_processes(with_script=function.__module__ == "__main__"):
-        futures: dict[Future[Result], int] = {executor.submit(_run, function, task): index for index, task in tasks}
+    futures: dict[Future[Result], int] = {executor.submit(_run, function, task): index for index, task in tasks}
     try:
         for future in as_completed(futures):
             yield futures[future], future.result()
     finally:
-        # Those of a process pool end with it; cancelled ones would make its thread complain as the workers are ended.
-        if not isinstance(executor, ProcessPoolExecutor):
-            for future in futures:
-                future.cancel()
+        for future in futures:
+            future.cancel()
 
 
 @contextmanager
-def _pool(workers: int) -> Iterator[ProcessPoolExecutor]:
+def _lanes(
+    function: Callable[[Task], Result], tasks: Sequence[Task], workers: int
+) -> Iterator[list[_Lane[Task, Result]]]:
     before = set(multiprocessing.active_children())
-    # Not forked: the threads that OpenCV has by now would be missing in the child, which waits for them for ever.
-    context = multiprocessing.get_context("spawn")
-    pool = ProcessPoolExecutor(workers, mp_context=context, initializer=_begin_worker)
+    lanes = [_Lane(function, tasks) for _ in range(workers)]
     finished = False
     try:
-        yield pool
+        yield lanes
         finished = True
     finally:
         if not finished:
@@ -110,7 +167,8 @@ def _pool(workers: int) -> Iterator[ProcessPoolExecutor]:
                 process.join(_SECONDS_TO_END)
                 # One that waits for a lock that died with another worker takes the request for a failed result.
                 process.kill()
-        pool.shutdown(wait=finished, cancel_futures=True)
+        for lane in lanes:
+            lane.close(finished)
 
 
 @contextmanager

@@ -11,7 +11,7 @@ from quadrig.io.recording.image_folder import folder_images
 from quadrig.io.recording.messages.ros_bag import is_bag
 from quadrig.io.recording.recorded_cameras import is_result
 from quadrig.io.recording.video import VIDEO_SUFFIXES
-from quadrig.io.workers import run_tasks
+from quadrig.io.workers import ENDED_TOO_OFTEN, run_tasks
 from quadrig.single.errors import QuadrigError
 
 # A task whose worker is killed is run again by the cluster; more often than this, and it is the task that kills.
@@ -98,7 +98,7 @@ def run_fleet(
         else:
             todo.append(job)
     tasks = [_Task(calibrate, job.absolute()) for job in todo]
-    for index, outcome in run_tasks(_run, tasks, workers, executor):
+    for index, outcome in run_tasks(_run, tasks, workers, executor, _given_up):
         yield replace(outcome, job=todo[index])
 
 
@@ -124,6 +124,11 @@ def dask_executor(address: str, patience: float = SECONDS_TO_ANSWER) -> Iterator
         yield client.get_executor(pure=False, retries=_RETRIES)
     finally:
         client.close()
+
+
+def _given_up(task: _Task) -> Outcome:
+    what = f"{ENDED_TOO_OFTEN}; is there enough memory? use fewer workers, or leave {task.job.recording[0]} out"
+    return Outcome(task.job, what, failed=True)
 
 
 def _run(task: _Task) -> Outcome:

@@ -8,12 +8,14 @@ import sys
 from collections.abc import Callable, Mapping, MutableMapping, Sequence
 from functools import wraps
 from importlib import import_module
+from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
 from quadrig.io.plain_words import one_line, plain_output, silence_libraries
 from quadrig.io.verbosity import Verbosity, choose_verbosity
+from quadrig.io.whole_file import only_read, refuse_no_place
 from quadrig.single.errors import QuadrigError
 
 COMMANDS = {
@@ -38,6 +40,9 @@ COMMANDS = {
 with an underscore behind its name where Python keeps the word for itself."""
 
 _EXCHANGE = ("export", "import", "undistort")
+
+_WRITTEN = ("output", "save", "screenshot", "cache", "put_into")
+"""The parameters of all commands that name a file to write; whatever else names a file is read."""
 
 _EXAMPLE = """Calibrate a rig of cameras from rectangles of known size.
 
@@ -142,7 +147,9 @@ def _with_verbosity(function: Callable[..., None]) -> Callable[..., None]:
         if quiet and verbose:
             raise QuadrigError("-q and -v are opposites; give one of them")
         choose_verbosity(Verbosity.QUIET if quiet else Verbosity.VERBOSE if verbose else Verbosity.USUAL)
-        function(**values)
+        with only_read(path for name, value in values.items() if name not in _WRITTEN for path in _given(value)):
+            _refuse_written(values)
+            function(**values)
 
     own = inspect.signature(function, eval_str=True)
     added = [
@@ -151,6 +158,26 @@ def _with_verbosity(function: Callable[..., None]) -> Callable[..., None]:
     ]
     command.__signature__ = own.replace(parameters=[*own.parameters.values(), *added])  # pyright: ignore[reportAttributeAccessIssue]
     return command
+
+
+def _refuse_written(values: Mapping[str, Any]) -> None:
+    """Raises QuadrigError, before any work, where two results would be one file, and as refuse_no_place does."""
+    written = [path for name in _WRITTEN if name in values for path in _given(values[name])]
+    for number, path in enumerate(written):
+        if path.is_file():
+            refuse_no_place(path)
+        if any(path.resolve() == other.resolve() for other in written[:number]):
+            raise QuadrigError(f"{path} would be written twice, the second over the first; name another file")
+
+
+def _given(value: object) -> list[Path]:
+    """The files that an option or an argument names: by itself, as one of many, or as NAME=FILE."""
+    if isinstance(value, str):
+        value = Path(value if os.path.lexists(value) else value.partition("=")[2])
+        return [value] if value.is_file() else []
+    if isinstance(value, Path):
+        return [value]
+    return [path for one in value for path in _given(one)] if isinstance(value, list | tuple) else []
 
 
 def command_function(name: str) -> Callable[..., None]:

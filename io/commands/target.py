@@ -87,8 +87,9 @@ def target(
     measured: Annotated[
         str | None, typer.Option(help="What the printed ruler measures, over what it says: 148.5mm/150mm.")
     ] = None,
-    config: Annotated[
-        Path | None, typer.Option(help="rig.toml to put these rectangles into, by name; made where there is none.")
+    put_into: Annotated[
+        Path | None,
+        typer.Option("--config", help="rig.toml to put these rectangles into, by name; made where there is none."),
     ] = None,
 ) -> None:
     """Draw markings at their exact size, with cutting marks and a ruler, and print their rig.toml lines.
@@ -125,9 +126,9 @@ def target(
             beside.write_bytes(drawing)
         say(f"wrote {output}; print it at actual size and measure the ruler")
     printed = [scaled(rectangle, scale) for rectangle in rectangles] if scale != 1.0 else rectangles
-    if config is not None:
-        _put_into(config, printed)
-        say(f"wrote {config}")
+    if put_into is not None:
+        _put_into(put_into, printed)
+        say(f"wrote {put_into}")
     print(target_toml(printed).strip())
 
 

@@ -44,6 +44,7 @@ def report_html(held: RigFile, name: str = "") -> str:
     page = (
         '<!doctype html><html lang="en"><head><meta charset="utf-8">'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
+        '<meta name="generator" content="quadrig">'
         f"<title>{escape(_title(rig, name))}</title><style>{STYLE}</style></head>"
         f"<body>{''.join(parts)}</body></html>\n"
     )

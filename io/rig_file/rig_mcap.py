@@ -7,7 +7,7 @@ outline as foxglove.PointCloud, so that viewers that know no rectangle draw it t
 """
 
 from collections.abc import Iterator, Sequence
-from contextlib import closing, suppress
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,6 +16,7 @@ import msgspec
 import numpy as np
 
 from quadrig.io.drawing.geometry import dense_outline
+from quadrig.io.file_kind import RIG
 from quadrig.io.recording.messages.mcap_reader import McapBytes, McapIndex, index_mcap, is_mcap
 from quadrig.io.rig_file.record import (
     RECORD_FORMAT,
@@ -29,7 +30,7 @@ from quadrig.io.rig_file.record import (
 from quadrig.io.safe_json import read_json
 from quadrig.io.topic_writer import TopicWriter
 from quadrig.io.version import __version__
-from quadrig.io.whole_file import refuse_no_place, written_beside
+from quadrig.io.whole_file import refuse_no_place, refuse_other_kind, written_beside
 from quadrig.rig.result import Camera, PlacedRectangle, Rig, ViewFit
 from quadrig.single.errors import QuadrigError
 from quadrig.single.pose import Pose
@@ -61,13 +62,10 @@ def is_rig_file(path: Path) -> bool:
 
 
 def refuse_no_rig(path: Path) -> None:
-    """Raises QuadrigError where no rig may be written: as refuse_no_place does, and over a recording. A result can be
-    made again; what a camera saw cannot."""
+    """Raises QuadrigError where no rig may be written: as refuse_no_place does, and over whatever is no rig. A result
+    can be made again; what a camera saw cannot."""
     refuse_no_place(path)
-    with suppress(OSError, QuadrigError):
-        if not path.exists() or not is_mcap(path) or is_rig_file(path):
-            return
-    raise QuadrigError(f"{path} is there, and is no rig but a recording; name another file with -o")
+    refuse_other_kind(path, RIG)
 
 
 def write_rig(

@@ -17,6 +17,7 @@ import cv2
 import msgspec
 import numpy as np
 
+from quadrig.io.file_kind import RECORDING, file_kind, is_written_here
 from quadrig.io.recording.camera import RecordedCamera
 from quadrig.io.recording.image_folder import IMAGE_SUFFIXES
 from quadrig.io.recording.messages.image_message import holds_images
@@ -94,6 +95,8 @@ def read_detections(path: Path, keys: Mapping[str, str], set_aside: bool = True)
     A damaged file gives what is whole of it, and where set_aside, is set aside, which the sentence returned says.
     Raises QuadrigError where the file is something else, which writing would destroy.
     """
+    if file_kind(path) not in (None, RECORDING) and not _may_be_damaged(path):
+        raise QuadrigError(f"{path} is {file_kind(path)}, not kept detections; give another file with --cache")
     found: Found = {}
     remarks = []
     for kept in (path, _partial(path.resolve())):
@@ -104,7 +107,7 @@ def read_detections(path: Path, keys: Mapping[str, str], set_aside: bool = True)
             continue
         if index is None:
             continue
-        if any(topic.topic == RIG_TOPIC or holds_images(topic.encoding, topic.schema) for topic in index.topics):
+        if kept == path and not _is_ours(index):
             raise QuadrigError(f"{kept} is a recording or a rig, not kept detections; give another file with --cache")
         lost = 0
         for record, views in _records(index):
@@ -117,6 +120,19 @@ def read_detections(path: Path, keys: Mapping[str, str], set_aside: bool = True)
         if kept == path and damaged and set_aside:
             remarks.append(_set_aside(path, lost))
     return found, remarks
+
+
+def _may_be_damaged(path: Path) -> bool:
+    """Whether what is no MCAP by its beginning was one: its name says so, and it is nothing else that is known."""
+    return path.suffix == ".mcap" and file_kind(path) in ("another file", "a text")
+
+
+def _is_ours(index: McapIndex) -> bool:
+    """Whether an MCAP, damaged or whole, may be kept detections: it has such, or nothing that can be read."""
+    if any(topic.topic == RIG_TOPIC or holds_images(topic.encoding, topic.schema) for topic in index.topics):
+        return False
+    known = not index.topics or any(topic.topic == DETECTIONS_TOPIC for topic in index.topics)
+    return known or is_written_here(index.path)
 
 
 def _set_aside(path: Path, lost: int) -> str:

@@ -8,9 +8,12 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+import cv2
+import numpy as np
 import pytest
+from PIL import Image
 
-from quadrig.io.whole_file import place_held, refuse_no_place, write_text, written_beside
+from quadrig.io.whole_file import only_read, place_held, refuse_no_place, write_text, written_beside
 from quadrig.single.errors import QuadrigError
 
 
@@ -150,19 +153,39 @@ def test_an_error_of_what_is_read_is_not_blamed_on_what_is_written(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-MCAP, PNG, PDF = b"\x89MCAP0\r\n rig", b"\x89PNG\r\n\x1a\n", b"%PDF-1.4"
+def mcap(profile: str = "", library: str = "quadrig") -> bytes:
+    """The beginning of an MCAP."""
+    words = b"".join(len(word).to_bytes(4, "little") + word.encode() for word in (profile, library))
+    return b"\x89MCAP0\r\n\x01" + len(words).to_bytes(8, "little") + words
+
+
+def picture(suffix: str) -> bytes:
+    """A picture as any program writes it."""
+    return cv2.imencode(suffix, np.arange(300, dtype=np.uint8).reshape(15, 20))[1].tobytes()
+
+
+RECORDING, RIG, PDF, PAGE = mcap(), mcap("quadrig"), b"%PDF-1.4 (quadrig)", b"<!doctype html> quadrig"
+FOREIGN = "that quadrig did not write and would be replaced"
 
 
 @pytest.mark.parametrize(
     ("there", "new", "said"),
     [
-        (MCAP, b"<!doctype html>", "is MCAP and would be replaced by a page"),
-        (b"reference = 'cam0'", MCAP, "is a text and would be replaced by MCAP"),
-        (PNG, PDF, "is a picture and would be replaced by a PDF"),
-        (b"\0\1\2", b'{"a": 1}', "is another file and would be replaced by JSON"),
+        (RECORDING, PAGE, "is a recording and would be replaced by a page;"),
+        (mcap("ros2", "rosbag2"), RIG, "is a recording and would be replaced by a rig;"),
+        (RIG, RECORDING, "is a rig and would be replaced by a recording;"),
+        (b"reference = 'cam0'", RIG, "is a text and would be replaced by a rig;"),
+        (b"\0\1\2", b'{"a": 1}', "is another file and would be replaced by JSON;"),
+        (picture(".png"), PDF, f"is a picture {FOREIGN} by a PDF;"),
+        (picture(".png"), picture(".png"), f"is a picture {FOREIGN} by a picture;"),
+        (picture(".jpg"), picture(".jpg"), f"is a picture {FOREIGN} by a picture;"),
+        (b"%PDF-1.7 my thesis", PDF, f"is a PDF {FOREIGN} by a PDF;"),
+        (b"<!DOCTYPE html> mine", PAGE, f"is a page {FOREIGN} by a page;"),
+        (b"\0\0\0 ftypisom" + bytes(3000), b"\0\0\0 ftypisom quadrig", f"is a video {FOREIGN} by a video;"),
+        (b"RRF2 another program's", b"RRF2 quadrig", f"is a file of rerun {FOREIGN} by a file of rerun;"),
     ],
 )
-def test_a_file_of_another_kind_is_not_replaced(tmp_path, there, new, said):
+def test_a_file_of_another_kind_or_made_by_others_is_not_replaced(tmp_path, there, new, said):
     path = tmp_path / "precious"
     path.write_bytes(there)
     with pytest.raises(QuadrigError, match=said), written_beside(path) as beside:
@@ -171,13 +194,34 @@ def test_a_file_of_another_kind_is_not_replaced(tmp_path, there, new, said):
     assert [each.name for each in tmp_path.iterdir()] == ["precious"]
 
 
-@pytest.mark.parametrize("same", [MCAP, PNG, b"name = 1", b"{}", b""])
+@pytest.mark.parametrize("same", [RECORDING, RIG, PDF, PAGE, b"name = 1", b"{}", b""])
 def test_a_file_of_the_same_kind_or_an_empty_one_is_replaced(tmp_path, same):
     path = tmp_path / "result"
     path.write_bytes(same)
     with written_beside(path) as beside:
-        beside.write_bytes((same or MCAP) + b"more")
+        beside.write_bytes((same or RIG) + b"more")
     assert path.read_bytes().endswith(b"more")
+
+
+@pytest.mark.parametrize("suffix", [".png", ".jpg"])
+def test_a_picture_of_ours_is_the_same_picture_and_is_replaced(tmp_path, suffix):
+    path = tmp_path / f"shot{suffix}"
+    for _ in range(2):
+        with written_beside(path) as beside:
+            beside.write_bytes(picture(suffix))
+    plain = cv2.imdecode(np.frombuffer(picture(suffix), np.uint8), cv2.IMREAD_GRAYSCALE)
+    assert np.array_equal(cv2.imread(str(path), cv2.IMREAD_GRAYSCALE), plain)
+    # Another reader, which takes a wrong sum for damage.
+    Image.open(path).verify()
+
+
+def test_what_a_command_reads_is_not_written_over(tmp_path):
+    path = tmp_path / "rig.mcap"
+    path.write_bytes(RIG)
+    (tmp_path / "link").symlink_to(path)
+    with only_read([path]), pytest.raises(QuadrigError, match="is what this command reads"):
+        refuse_no_place(tmp_path / "link")
+    refuse_no_place(path)
 
 
 def test_a_dash_is_no_file():

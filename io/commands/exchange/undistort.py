@@ -165,6 +165,7 @@ def _stream(av, path: Path, lens: Intrinsics, video: VideoFile) -> Iterator:
     """Writes pictures with their times, in units of the video's time base, as H.264."""
     base = Fraction(video.time_base).limit_denominator(1_000_000)
     with av.open(str(path), "w") as container:
+        container.metadata["comment"] = "quadrig"
         stream = container.add_stream("libx264", options={"crf": _CRF})
         stream.width, stream.height, stream.time_base, stream.codec_context.time_base = (
             lens.width,

@@ -10,10 +10,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from quadrig.io.file_kind import RECORDING
 from quadrig.io.live.capture.frame import Frame
 from quadrig.io.live.record.kept_views import KEPT_SCHEMA, KEPT_TOPIC
 from quadrig.io.topic_writer import TopicWriter
-from quadrig.io.whole_file import cannot_write, new_part, place_held
+from quadrig.io.whole_file import cannot_write, new_part, place_held, refuse_other_kind
 from quadrig.single.errors import QuadrigError
 
 # A chunk is closed when it is this old, so that a crash loses less than the second that is promised.
@@ -43,11 +44,15 @@ class LiveRecorder:
         self._held = ExitStack()
         self._place = self._held.enter_context(place_held(path))
         try:
+            refuse_other_kind(path, RECORDING)
             self._part: Path | None = new_part(self._place)
             self._file = self._part.open("wb")
         except OSError as error:
             self._held.close()
             raise cannot_write(path, error) from error
+        except QuadrigError:
+            self._held.close()
+            raise
         # Uncompressed: JPEG does not get smaller by compressing it again.
         self._writer = TopicWriter(self._file)
         self._writer.declare_json(KEPT_TOPIC, KEPT_SCHEMA)

@@ -168,8 +168,9 @@ class McapBytes:
             raise
         except Exception:
             return header.start, b""
+        # One that claims to be smaller than it is has the sum of all of it.
         damaged = header.crc != 0 and len(data) == header.size and zlib.crc32(data) != header.crc
-        return header.start, b"" if damaged else data
+        return header.start, b"" if damaged else data[: header.size]
 
 
 class _Scan:
@@ -183,6 +184,8 @@ class _Scan:
         self.entries: dict[int, list[tuple[int, bytes]]] = {}
         # By channel: log time, chunk and offset of each message that no index has, one after the other.
         self.loose: dict[int, array[int]] = {}
+        # By a chunk's file offset: its bytes when unfolded, as the summary has them, or those up to its last message.
+        self.listed: dict[int, int] = {}
         self.remarks: list[str] = []
 
     def use_summary(self) -> bool:
@@ -193,7 +196,8 @@ class _Scan:
             counts = [Statistics.read(_stream(data)) for op, data in records if op == Opcode.STATISTICS]
             for op, data in records:
                 self._definition(op, data)
-            for start, behind, length in chunks:
+            self.listed = {start: size for start, _, _, size in chunks}
+            for start, behind, length, _ in chunks:
                 if not start < behind <= behind + length <= self.size:
                     raise ValueError("the index leads out of the file")
                 self.stream.seek(behind)
@@ -209,6 +213,8 @@ class _Scan:
         if not whole or not set(self.entries) <= set(self.channels):
             self.entries.clear()
             return False
+        for start, *_ in chunks:
+            self._judge_size(start)
         return True
 
     def walk(self) -> None:
@@ -304,6 +310,9 @@ class _Scan:
             return end
         next_record, channels = self._message_indexes_behind(end, position)
         if channels and channels <= set(self.channels):
+            last = max(int(_places(self.entries[one][-1:])[:, 2].max()) for one in channels if one in self.entries)
+            self.listed.setdefault(position, last + _MESSAGE_START)
+            self._judge_size(position)
             return next_record
         self.stream.seek(header.start)
         try:
@@ -317,12 +326,33 @@ class _Scan:
         # A chunk at the end of a cut file is reported as the cut; of others the two lengths must agree.
         if end < self.size and (len(data) < header.size or header.start + header.stored != end):
             self._say(f"the chunk at byte {position} is damaged and used as far as it goes")
+        elif len(data) > header.size:
+            self._say_larger(position)
         for offset, op, begin, stop in _record_places(data):
             if op == Opcode.MESSAGE and not channels and stop - begin >= _MESSAGE_HEADER.size:
                 self._message(data[begin : begin + _MESSAGE_HEADER.size], position, offset)
             elif op in (Opcode.SCHEMA, Opcode.CHANNEL):
                 self._definition(op, data[begin:stop])
         return next_record
+
+    def _judge_size(self, position: int) -> None:
+        """Say where messages of an indexed chunk will be left out since it claims another size than it has."""
+        self.stream.seek(position)
+        try:
+            header = _read_chunk_header(self.stream)
+        except _DAMAGE:
+            self._say(f"the chunk at byte {position} is damaged and skipped")
+            return
+        # What is not compressed is read in its place.
+        if not header.compression:
+            return
+        if refused := too_many_bytes(header.size):
+            self._say(f"the chunk at byte {position} is left out: it unfolds to more than is read: {refused}")
+        elif header.size < self.listed.get(position, 0):
+            self._say_larger(position)
+
+    def _say_larger(self, position: int) -> None:
+        self._say(f"the chunk at byte {position} claims to be smaller than it is, and is used as far as it claims")
 
     def _message_indexes_behind(self, end: int, chunk: int) -> tuple[int, set[int]]:
         channels: set[int] = set()
@@ -366,11 +396,11 @@ def _message_length(header: bytes, left: int, limit: int | None) -> int:
     return wanted
 
 
-def _read_chunk_index(data: bytes) -> tuple[int, int, int]:
-    """Where the chunk begins, where the message indexes behind it begin, and their length."""
+def _read_chunk_index(data: bytes) -> tuple[int, int, int, int]:
+    """Where the chunk begins, where the message indexes behind it begin, their length, and the chunk's unfolded."""
     _, _, start, length, offsets = _CHUNK_INDEX.unpack_from(data)
     (index_length,) = struct.unpack_from("<Q", data, _CHUNK_INDEX.size + offsets)
-    return start, start + length, index_length
+    return start, start + length, index_length, struct.unpack_from("<Q", data, len(data) - 8)[0]
 
 
 def _places(entries: list[tuple[int, bytes]]) -> Ints:
@@ -412,7 +442,7 @@ def _read_chunk_header(stream: BinaryIO) -> _ChunkHeader:
 
 
 def _decompress(data: bytes, header: _ChunkHeader) -> bytes:
-    """The chunk's records, no more than it claims; of compressed data that breaks off, as much as can be had.
+    """The chunk's records, a byte more than it claims where it has more; of data that breaks off what can be had.
 
     Raises _RefusedError where it claims too much, or is compressed in another way.
     """
@@ -421,11 +451,11 @@ def _decompress(data: bytes, header: _ChunkHeader) -> bytes:
     if refused := too_many_bytes(header.size):
         raise _RefusedError(f"it unfolds to more than is read: {refused}")
     if header.compression == "zstd":
-        return from_zstd(data, header.size)
+        return from_zstd(data, header.size + 1)
     if header.compression == "lz4":
         import lz4.frame
 
-        return lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=header.size)
+        return lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=header.size + 1)
     raise _RefusedError(f"it is compressed with {header.compression!r}; convert the recording to lz4 or zstd")
 
 

@@ -34,6 +34,8 @@ def calibrate(job):
         raise QuadrigError(f"{job.recording[0]}: no images in this recording; record some")
     if text == "worse":
         raise ZeroDivisionError("by nothing")
+    if text == "deadly":
+        os.kill(os.getpid(), 9)
     time.sleep(0.2)
     with (job.output.parent / "log").open("a") as log:
         log.write(f"{job.recording[0].name} {os.getpid()}\\n")
@@ -104,6 +106,16 @@ def test_one_rig_each_and_what_is_done_stays(takes, calibrate):
     again = list(run_fleet(calibrate, jobs, workers=2))
     assert sum(outcome.kept for outcome in again) == 10
     assert (takes / "rigs" / "take3.rig.mcap").read_text() == "mended"
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals")
+def test_a_recording_that_kills_its_workers_is_given_up_and_no_other_is_begun_again(takes, calibrate):
+    (takes / "take3.mcap").write_text("deadly")
+    outcomes = list(run_fleet(calibrate, find_jobs([takes], takes / "rigs"), workers=2))
+    assert [outcome.job.recording[0].name for outcome in outcomes if outcome.failed] == ["take3.mcap"]
+    assert any("a worker process was ended 3 times" in outcome.message for outcome in outcomes)
+    done = [line.split()[0] for line in (takes / "rigs" / "log").read_text().splitlines()]
+    assert sorted(done) == sorted(f"take{k}.mcap" for k in range(12) if k != 3)
 
 
 def test_a_worker_of_a_cluster_is_killed_and_nothing_is_lost(tmp_path):

@@ -1,17 +1,21 @@
 """MCAP files as writers leave them: chunked or not, compressed or not, indexed or not, whole or cut off."""
 
 import re
+import struct
 from types import SimpleNamespace
 
 import cv2
 import numpy as np
 import pytest
+from mcap.opcode import Opcode
 
 from quadrig.io.recording.messages.mcap_reader import MAGIC, McapBytes, index_mcap
 from quadrig.io.recording.recorded_cameras import open_recording
 
 foxglove = pytest.importorskip("foxglove")
 
+# Behind the kind and length of the record and the times of its first and last message.
+SIZE_IN_CHUNK = 9 + 16
 START = 1_700_000_000_000_000_000
 COUNT = 12
 
@@ -116,6 +120,34 @@ def test_damaged_chunk_is_left_out_and_said(tmp_path, pictures):
     seen = numbers(recording, pictures)
     assert 6 <= len(seen["cam0"]) < COUNT
     assert seen["cam0"] == sorted(seen["cam0"])
+
+
+@pytest.mark.parametrize("claimed", [0, 100, -500, 1 << 20, 1 << 62], ids=lambda size: f"{size} bytes")
+@pytest.mark.parametrize("name", [name for name in WRITERS if name != "no chunks"])
+def test_a_chunk_that_lies_about_its_size_is_named_and_the_others_are_used(tmp_path, pictures, name, claimed):
+    path = tmp_path / "a.mcap"
+    write(path, pictures, **WRITERS[name])
+    chunk = chunks_of(path)[1]
+    data = bytearray(path.read_bytes())
+    (true,) = struct.unpack_from("<Q", data, chunk + SIZE_IN_CHUNK)
+    struct.pack_into("<Q", data, chunk + SIZE_IN_CHUNK, claimed if claimed >= 0 else true + claimed)
+    path.write_bytes(data)
+    recording = open_recording([path])
+    seen = numbers(recording, pictures)
+    assert all(len(shown) >= COUNT - 5 for shown in seen.values())
+    named = any(f"byte {chunk} " in note for note in recording.notes)
+    # Without a list of the chunks nobody knows beforehand that the last of its messages breaks off.
+    assert named or all(len(shown) == COUNT for shown in seen.values()) or (name, claimed) == ("no chunk index", -500)
+
+
+def chunks_of(path):
+    """Where the chunks of a whole file begin."""
+    data, place, found = path.read_bytes(), len(MAGIC), []
+    while place < len(data) - len(MAGIC):
+        kind, length = struct.unpack_from("<BQ", data, place)
+        found += [place] if kind == Opcode.CHUNK else []
+        place += 9 + length
+    return found
 
 
 def test_parts_of_one_recording_follow_each_other(tmp_path, pictures):
