@@ -16,6 +16,8 @@ ROOT = Path(__file__).resolve().parents[1]
 # A shell starts background jobs with Ctrl-C ignored, and what they start inherits that: tests that interrupt a
 # command would then wait for ever.
 signal.signal(signal.SIGINT, signal.default_int_handler)
+# Tests side by side take all cores, and no matrix here is quicker on several. Read when numpy is imported.
+os.environ.setdefault("OMP_NUM_THREADS", "1")
 # Rerun reads this once, when it is first imported: a test of what is said must not hang on which test came before.
 os.environ.setdefault("RUST_LOG", "off")
 
