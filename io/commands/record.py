@@ -110,6 +110,8 @@ def _record_live(
         print(
             f"{one.name}: {one.frames} images {size}" if one.frames else f"{one.name} gave no picture: {one.detail}"
         )
+        if one.left_out:
+            print(f"{one.name}: {one.left_out} images left out, of another size or scene than those before")
     if done.dropped:
         print(f"{done.dropped} images were not recorded: the disk could not keep up")
     print(f"{output}: {output.stat().st_size / 1e6:.1f} MB, {done.ending}")
@@ -140,11 +142,13 @@ class _Lines:
             self._shown = time.monotonic()
             line = "   ".join(f"{one.name} {one.frames} ({one.rate:.0f}/s, {one.condition})" for one in states)
             print(f"\r{line}   Enter or Ctrl-C stops", end="\033[K", file=sys.stderr, flush=True)
-        for one in () if self._terminal else states:
-            if self._conditions.get(one.name) != one.condition:
-                self._conditions[one.name] = one.condition
-                detail = f": {one.detail}" if one.detail else ""
-                print(f"{one.name} is {one.condition}{detail}", file=sys.stderr, flush=True)
+        for one in states:
+            if self._conditions.get(one.name) == one.condition:
+                continue
+            self._conditions[one.name] = one.condition
+            if not self._terminal or one.condition == "changed":
+                clean = "\r\033[K" if self._terminal else ""
+                print(f"{clean}{one.sentence}", file=sys.stderr, flush=True)
 
 
 def _convert(

@@ -51,13 +51,16 @@ class Coaching:
 
 
 def sentence_of(states: Sequence[SourceState], fault: Fault | None, advice: Advice | None) -> tuple[str, bool]:
-    """The one sentence, and whether it is a fault: a source that is gone, then a fault, then the advice."""
+    """The one sentence, and whether it is a fault: a source that is gone or another, a fault, the advice."""
     gone = [state for state in states if state.condition in ("stalled", "lost", "failed")]
     if gone:
         names = ", ".join(state.name for state in gone)
         details = ", ".join(dict.fromkeys(state.detail for state in gone))
         again = "" if all(state.condition == "failed" for state in gone) else "; trying again"
         return f"no picture from {names}: {details}{again}", True
+    changed = next((state for state in states if state.condition == "changed"), None)
+    if changed is not None:
+        return changed.sentence, True
     if fault is not None:
         return fault.sentence, True
     return advice.sentence if advice is not None else "", False

@@ -1,5 +1,6 @@
 """A Frame: one picture of one camera, kept as it came until somebody needs its pixels."""
 
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -7,6 +8,7 @@ import cv2
 import numpy as np
 
 from quadrig.io.recording.decode_image import UndecodableImage, decode_file
+from quadrig.io.recording.picture_header import read_header
 from quadrig.single.arrays import Picture
 from quadrig.single.errors import QuadrigError
 
@@ -35,6 +37,14 @@ class Frame:
     def time(self) -> float:
         """When it was taken, s since 1970 by its camera's clock; nan where no clock says."""
         return self.stamp / 1e9 if self.timed else float("nan")
+
+    @cached_property
+    def size(self) -> tuple[int, int]:
+        """Width and height, px. Raises QuadrigError where the bytes are no picture."""
+        with suppress(ValueError):
+            return read_header(self.encoded).size
+        height, width = self.grey.shape
+        return width, height
 
     @cached_property
     def grey(self) -> Picture:

@@ -10,11 +10,12 @@ from typing import Literal
 from quadrig.io.live.capture.frame import Frame
 from quadrig.io.live.capture.reader import PictureData, Reader, SourceLostError
 from quadrig.io.live.capture.readers import open_reader
+from quadrig.io.live.capture.same_camera import SameCamera
 from quadrig.io.live.capture.source_spec import SourceSpec
 from quadrig.single.errors import QuadrigError
 
 Pace = Literal["real time", "consumed"]
-Condition = Literal["opening", "running", "stalled", "lost", "ended", "failed"]
+Condition = Literal["opening", "running", "stalled", "lost", "changed", "ended", "failed"]
 
 _SECOND = 1_000_000_000
 # A live source is kept this many frames back: enough to find the frame of one instant among cameras of 60 and of 10
@@ -26,11 +27,17 @@ _AHEAD = 3
 STALL_SECONDS = 1.5
 # Waits between attempts to open a lost source: quick enough for a plug put back, slow enough not to hammer a camera.
 _FIRST_RETRY, _LAST_RETRY = 0.5, 4.0
+# What a network or driver held back through a stall comes at once, and its arrival is not when it was taken: frames
+# that follow each other in less than this share of the usual period.
+_HURRIED = 0.5
 
 
 @dataclass(frozen=True)
 class SourceState:
-    """How a source does. rate: frames a second of late; frames: how many came; detail: what is wrong, in words."""
+    """How a source does. rate: frames a second of late; frames: how many came; detail: what is wrong, in words.
+
+    left_out: frames that were not of the camera that was there before (SameCamera).
+    """
 
     name: str
     condition: Condition
@@ -38,6 +45,14 @@ class SourceState:
     frames: int = 0
     rate: float = 0.0
     retries: int = 0
+    left_out: int = 0
+
+    @property
+    def sentence(self) -> str:
+        """How it does, in words."""
+        if self.condition == "changed":
+            return f"{self.name} {self.detail}"
+        return f"{self.name} is {self.condition}{self.detail and f': {self.detail}'}"
 
 
 class Source:
@@ -56,7 +71,7 @@ class Source:
         self._stop = threading.Event()
         self._condition: Condition = "opening"
         self._detail, self._count, self._retries = "", 0, 0
-        self._last = time.monotonic()
+        self._last, self._late, self._camera = time.monotonic(), False, SameCamera()
         self._arrivals: deque[tuple[float, int]] = deque(maxlen=30)
         self._thread = threading.Thread(target=self._run, name=f"source {name}", daemon=True)
         self._thread.start()
@@ -77,11 +92,11 @@ class Source:
         """How the source does now. Never blocks."""
         now = time.monotonic()
         condition, detail = self._condition, self._detail
-        if condition in ("running", "opening") and now - self._last > STALL_SECONDS and not self._waits:
+        if condition in ("running", "opening", "changed") and now - self._last > STALL_SECONDS and not self._waits:
             condition, detail = "stalled", f"nothing came for more than {STALL_SECONDS:g} s"
         recent = [arrived for arrived, _ in list(self._arrivals) if now - arrived < 2.0]
         rate = (len(recent) - 1) / (recent[-1] - recent[0]) if len(recent) > 2 else 0.0
-        return SourceState(self.name, condition, detail, self._count, rate, self._retries)
+        return SourceState(self.name, condition, detail, self._count, rate, self._retries, self._camera.left_out)
 
     @property
     def period(self) -> float:
@@ -120,6 +135,7 @@ class Source:
                 return
             except SourceLostError as lost:
                 self._condition, self._detail = "lost", str(lost)
+                self._camera.doubt()
             except QuadrigError as error:
                 self._condition, self._detail = "failed", str(error)
                 return
@@ -136,7 +152,9 @@ class Source:
                 if answer is None:
                     return
                 if len(answer[1]):
-                    self._publish(self._frame(reader, *answer))
+                    frame = self._frame(reader, *answer)
+                    if not reader.live or self._is_now_and_ours(frame):
+                        self._publish(frame)
         finally:
             reader.close()
 
@@ -151,6 +169,22 @@ class Source:
         if isinstance(payload, bytes):
             return Frame(self.name, stamp, arrived, encoded=payload, timed=self.spec.timed)
         return Frame(self.name, stamp, arrived, picture=payload, timed=self.spec.timed)
+
+    def _is_now_and_ours(self, frame: Frame) -> bool:
+        """Whether a live frame was taken when it came, and by the camera whose name it has."""
+        gap, self._last = frame.arrived - self._last, frame.arrived
+        # Pictures are put into a watched folder whenever somebody does.
+        if self._count and gap > STALL_SECONDS and self.spec.kind != "watch":
+            self._camera.doubt()
+            self._late = True
+            return False
+        self._late = self._late and gap < _HURRIED * self.period
+        if self._late:
+            return False
+        ours = self._camera.admits(frame)
+        if self._camera.trouble:
+            self._condition, self._detail = "changed", self._camera.trouble
+        return ours
 
     def _publish(self, frame: Frame) -> None:
         with self._changed:

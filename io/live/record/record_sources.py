@@ -18,13 +18,17 @@ _LOOK_EVERY = 0.004
 
 @dataclass(frozen=True)
 class RecordedSource:
-    """What one source gave: frames, the size of its first picture (px; 0 where it gave none), and how it ended."""
+    """What one source gave: frames, the size of its first picture (px; 0 where it gave none), and how it ended.
+
+    left_out: pictures that were not of its camera.
+    """
 
     name: str
     frames: int
     width: int
     height: int
     detail: str = ""
+    left_out: int = 0
 
 
 @dataclass(frozen=True)
@@ -87,4 +91,4 @@ def _recorded(state: SourceState, count: int, first: Frame | None) -> RecordedSo
         height, width = (0, 0) if first is None else first.grey.shape
     except QuadrigError:
         height, width = 0, 0
-    return RecordedSource(state.name, count, width, height, state.detail)
+    return RecordedSource(state.name, count, width, height, state.detail, state.left_out)

@@ -17,6 +17,8 @@ BLUR = Fault("blur", "a: the picture is out of focus", "a")
         (("running", "running"), None, ADVICE.sentence),
         (("running", "ended"), BLUR, BLUR.sentence),
         (("stalled", "running"), BLUR, "no picture from a: gone; trying again"),
+        (("changed", "running"), BLUR, "a gone"),
+        (("changed", "lost"), BLUR, "no picture from b: gone; trying again"),
         (("failed", "failed"), None, "no picture from a, b: gone"),
         (("failed", "lost"), None, "no picture from a, b: gone; trying again"),
     ],
