@@ -14,7 +14,7 @@ import numpy as np
 from quadrig.single.arrays import Floats, Ints, Mask, Picture, Singles
 from quadrig.single.detect.dictionaries import tag_cells
 from quadrig.single.subpixel.blurred_step import standard_normal
-from quadrig.single.subpixel.local_homography import local_homographies, mapped
+from quadrig.single.subpixel.local_homography import mapped, square_homographies
 
 # Blurs, in cells, that tags are imagined in: what lies between differs little.
 _BLURS, _BETWEEN = (0.15, 0.35, 0.55, 0.75), 0.1
@@ -133,22 +133,25 @@ def read_tags(
 def _looked_at(grey: Picture, quads: Floats, cells: int, border: int) -> tuple[Singles, Singles, Singles]:
     """Grey levels over the bits of quadrilaterals (N, M), and beside their edges, (N, 4 cells) each: of their borders
     and of the white around."""
-    unit = np.array([[0, 0], [1, 0], [1, 1], [0, 1]]) - 0.5
-    image_from_unit = local_homographies(np.broadcast_to(unit, quads.shape), quads)
-    inner = (border + (np.arange(_FINE * (cells - 2 * border)) + 0.5) / _FINE) / cells - 0.5
+    inner = (border + (np.arange(_FINE * (cells - 2 * border)) + 0.5) / _FINE) / cells
     grid = np.stack(np.meshgrid(inner, inner), axis=-1).reshape(-1, 2)
-    rings = [_ring(cells, 0.5 * border), _ring(cells, -0.5)]
-    places = np.nan_to_num(mapped(image_from_unit, np.concatenate([grid, *rings])), nan=-1e3).astype(np.float32)
-    light, (x, y) = grey.astype(np.float32), (places[..., 0], places[..., 1])
-    levels = np.asarray(cv2.remap(light, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE), np.float32)
+    rings = [ring(cells, 0.5 * border), ring(cells, -0.5)]
+    seen = mapped(square_homographies(quads), np.concatenate([grid, *rings]))
+    places = np.nan_to_num(seen, nan=-1e3, posinf=-1e3, neginf=-1e3).astype(np.float32)
+    x, y = places[..., 0], places[..., 1]
+    levels = np.asarray(cv2.remap(grey, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE), np.float32)
     bits, black, white = np.split(levels, [len(grid), len(grid) + len(rings[0])], axis=1)
     return bits, black, white
 
 
-def _ring(cells: int, depth: float) -> Floats:
-    """Places (P, 2) so many cells within the edge of a unit square."""
-    along = (np.arange(cells) + 0.5) / cells - 0.5
-    side = np.full(cells, 0.5 - depth / cells)
-    return np.concatenate(
-        [np.stack(pair, axis=1) for pair in ((along, -side), (along, side), (-side, along), (side, along))]
+@lru_cache(maxsize=64)
+def ring(cells: int, depth: float) -> Floats:
+    """Places (4 cells, 2) so many cells within the edge of a unit square, one beside each cell: by side, from the top
+    on and clockwise."""
+    along, low, high = (
+        (np.arange(cells) + 0.5) / cells,
+        np.full(cells, depth / cells),
+        np.full(cells, 1 - depth / cells),
     )
+    sides = [(along, low), (high, along), (along, high), (low, along)]
+    return np.concatenate([np.stack(side, axis=1) for side in sides])

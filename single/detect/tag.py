@@ -8,10 +8,11 @@ import cv2
 import numpy as np
 
 from quadrig.single.arrays import Floats, Ints, Mask, Picture
-from quadrig.single.detect.blurred_bits import read_tags
+from quadrig.single.detect.blurred_bits import read_tags, ring
 from quadrig.single.detect.dictionaries import tag_cells, tag_dictionary
 from quadrig.single.detect.pictures import reduced
-from quadrig.single.subpixel.edge_fit import CLIPPED, LIGHT_INK, EdgeFit, Outline, fit_outline
+from quadrig.single.subpixel.edge_fit import CLIPPED, LIGHT_INK, EdgeFit, EdgeOptions, Outline, fit_outline
+from quadrig.single.subpixel.local_homography import mapped, square_homographies
 from quadrig.single.subpixel.tag_tone import tone_from_tags
 from quadrig.single.subpixel.tone import USUAL_TONE, LightImage
 
@@ -120,7 +121,7 @@ def _passes(longer_side: int, border: int) -> list[tuple[float, tuple[int, int]]
         finer.insert(0, (scale, (5, 25)))
         scale /= 2
     first = _TOUCHING_WINDOWS if border > 1 else (5, 5)
-    return [(scale, first), (scale / 2, (5, 15)), (scale, (15, 25)), *finer]
+    return [(scale, first), (scale / 2, (9, 9)), (scale, (15, 15)), *finer]
 
 
 def _find_once(
@@ -159,12 +160,10 @@ def reads_as(grey: Picture, corners: Floats, name: str, tag_id: int) -> bool:
     """Whether the cells within the corners (4, 2), top left first, show the bits of this tag of a dictionary."""
     dictionary, bits = tag_dictionary(name), tag_cells(name, tag_id)[1:-1, 1:-1]
     cells = dictionary.markerSize + 2
-    image_from_cell = _image_from_cell(corners, cells)
-    inner = np.arange(1.5, cells - 1, dtype=float)
+    inner = np.arange(1.5, cells - 1, dtype=float) / cells
     grid = np.stack(np.meshgrid(inner, inner), axis=-1).reshape(-1, 2)
-    values = _sampled(grey, image_from_cell, grid)
-    black, white = (np.nanmedian(_sampled(grey, image_from_cell, _ring(cells, depth))) for depth in (_IN, _OUT))
-    wrong = np.count_nonzero((values > (black + white) / 2) != bits.ravel())
+    values, black, white = (_sampled(grey, corners[None], p) for p in (grid, ring(cells, _IN), ring(cells, _OUT)))
+    wrong = np.count_nonzero((values > (_median(black) + _median(white)) / 2) != bits.ravel())
     return bool(wrong <= dictionary.maxCorrectionBits)
 
 
@@ -224,9 +223,9 @@ def refine_tags(grey: Picture, rough: Floats, cells: int, still: bool = False) -
     sure &= np.isfinite(corners).all(axis=(1, 2)) & (moved < (_STILL if still else _FARTHEST + 0.1 * side))
     total = np.sqrt(np.mean(sigma**2, axis=1) + leak**2 + _MODEL_SIGMA**2)
     sure &= total < _WORST_SIGMA
-    for index in np.flatnonzero(sure):
-        sure[index], uneven = _looks_whole(grey, corners[index], cells)
-        total[index] = np.hypot(total[index], uneven)
+    index = np.flatnonzero(sure)
+    sure[index], uneven = _looks_whole(grey, corners[index], cells)
+    total[index] = np.hypot(total[index], uneven)
     return TagOutlines(corners, by_gamma, total, blur, clipped, sure)
 
 
@@ -271,7 +270,7 @@ def _fit_from_level(grey: Picture, rough: Floats, cells: int, top: int, still: b
     scale, sides = 2**top, rough.shape[:2]
     small = (rough - origin + 0.5) / scale - 0.5
     bow = np.zeros(sides) if still else None
-    outline = _fit_level(reduced(crop, 1 / scale), small, cells, bow, np.zeros(sides))
+    outline = _fit_level(reduced(crop, 1 / scale), small, cells, bow, None)
     while scale > 1 and np.median(outline.fit.blur) <= _SOFT:
         scale //= 2
         bow, blur = (2 * part.reshape(sides) for part in (outline.fit.coefficients[:, 2], outline.fit.blur))
@@ -282,16 +281,16 @@ def _fit_from_level(grey: Picture, rough: Floats, cells: int, top: int, still: b
     return replace(outline, corners=corners, sigma=sigma, by_gamma=by_gamma, fit=fit)
 
 
-def _fit_level(image: Picture, corners: Floats, cells: int, bow: Floats | None, blur: Floats) -> Outline:
+def _fit_level(image: Picture, corners: Floats, cells: int, bow: Floats | None, blur: Floats | None) -> Outline:
     """The outlines in this image's pixels; bow, blur (N, 4): px, from coarser ones."""
     cell, light = _cell(corners, cells), LightImage(image)
     if bow is None:
         # First wide enough for the rough corners' error, then close to the edge found.
-        first = fit_outline(light, corners, np.clip(0.6 * cell, 1.0, _WIDE), most=32)
+        first = fit_outline(light, corners, np.clip(0.6 * cell, 1.0, _WIDE), options=EdgeOptions(32, rough=True))
         corners = np.where(np.isfinite(first.corners), first.corners, corners)
-        bow, blur = first.fit.coefficients[:, 2].reshape(blur.shape), first.fit.blur.reshape(blur.shape)
-    close = np.clip(0.8 * cell, 1.0, np.maximum(_CLOSE, 3 * blur))
-    outline = fit_outline(light, corners, close, bow, blur)
+        bow, blur = first.fit.coefficients[:, 2].reshape(cell.shape), first.fit.blur.reshape(cell.shape)
+    close = np.clip(0.8 * cell, 1.0, _CLOSE if blur is None else np.maximum(_CLOSE, 3 * blur))
+    outline = fit_outline(light, corners, close, bow, EdgeOptions(blur=None if blur is None else blur.ravel()))
     return replace(outline, corners=np.where(np.isfinite(outline.corners), outline.corners, corners))
 
 
@@ -318,52 +317,44 @@ def _cell(corners: Floats, cells: int) -> Floats:
     return np.minimum(*depth) / cells
 
 
-def _looks_whole(grey: Picture, corners: Floats, cells: int) -> tuple[bool, float]:
-    """Whether the black border with the white ring around it is there, all the way, and at all four corners; and px
-    by which the border of a shadow or of glare across it may move a corner.
+def _looks_whole(grey: Picture, corners: Floats, cells: int) -> tuple[Mask, Floats]:
+    """Of which tags (N, 4, 2) the black border with the white ring around it is there, all the way, and at all four
+    corners; and px (N,) by which the border of a shadow or of glare across it may move a corner.
 
     Each black cell is held against the white beside it, so that glare over a part of the tag does not count.
     """
-    image_from_cell = _image_from_cell(corners, cells)
-    black, white = (_sampled(grey, image_from_cell, _ring(cells, depth)) for depth in (_IN, _OUT))
-    contrast = np.nanmedian(white) - np.nanmedian(black)
+    places = [part for depth in (_IN, _OUT) for part in (ring(cells, depth), _corners(depth / cells))]
+    levels = _sampled(grey, corners, np.concatenate(places))
+    black, black_corners, white, white_corners = np.split(levels, np.cumsum([len(p) for p in places[:-1]]), axis=1)
+    contrast = _median(white) - _median(black)
+    least = _LEAST_STEP * contrast[:, None]
     # What is outside the image (nan) is neither right nor wrong.
-    wrong = np.count_nonzero(white - black < _LEAST_STEP * contrast)
-    if not contrast > _LEAST_CONTRAST or wrong > _WRONG_CELLS * len(black):
-        return False, 0.0
-    if np.any((white > CLIPPED) & (black > LIGHT_INK)):
-        return False, 0.0
-    light = np.log(np.maximum(USUAL_TONE.light(white.reshape(4, -1)), 1))
-    change = np.nanmax(np.abs(light[:, 2:] - light[:, :-2]), initial=0.0)
-    uneven = _BY_CHANGE * float(change) if change > _UNEVEN else 0.0
-    black, white = (_sampled(grey, image_from_cell, _corners(cells, depth)) for depth in (_IN, _OUT))
+    whole = (contrast > _LEAST_CONTRAST) & (np.sum(white - black < least, axis=1) <= _WRONG_CELLS * 4 * cells)
+    whole &= ~((white > CLIPPED) & (black > LIGHT_INK)).any(axis=1)
     # Edges that end under a thumb do not meet where the corner is.
-    return not np.any(white - black < _LEAST_STEP * contrast), uneven
+    whole &= ~(white_corners - black_corners < least).any(axis=1)
+    light = np.log(np.maximum(USUAL_TONE.light(white.reshape(-1, 4, cells)), 1))
+    change = np.nanmax(np.abs(light[..., 2:] - light[..., :-2]), axis=(1, 2), initial=0.0)
+    return whole, np.where(change > _UNEVEN, _BY_CHANGE * change, 0.0)
 
 
-def _image_from_cell(corners: Floats, cells: int) -> Floats:
-    """Homography (3, 3) from places in cells, counted from the top left of a tag, to the image."""
-    unit = np.array([[0, 0], [cells, 0], [cells, cells], [0, cells]], np.float32)
-    return np.asarray(cv2.getPerspectiveTransform(unit, corners.astype(np.float32)), float)
+def _median(levels: Floats) -> Floats:
+    """Median (N,) of what is no nan in levels (N, P): numpy's own takes each row by itself."""
+    ordered, count = np.sort(levels, axis=1), np.count_nonzero(np.isfinite(levels), axis=1)
+    row = np.arange(len(levels))
+    return (ordered[row, (count - 1) // 2] + ordered[row, count // 2]) / 2
 
 
-def _corners(cells: int, depth: float) -> Floats:
-    low, high = depth, cells - depth
+def _corners(depth: float) -> Floats:
+    """Places (4, 2) so far within the corners of a unit square."""
+    low, high = depth, 1 - depth
     return np.array([[low, low], [high, low], [high, high], [low, high]])
 
 
-def _sampled(grey: Picture, image_from_cell: Floats, cells: Floats) -> Floats:
-    """Grey levels (P,) at places (P, 2) in cells; nan outside the image."""
-    places = np.rint(cv2.perspectiveTransform(cells[None].astype(np.float32), image_from_cell)[0]).astype(int)
-    inside = ((places >= 0) & (places < np.array(grey.shape[::-1]))).all(axis=1)
-    places = np.where(inside[:, None], places, 0)
-    return np.where(inside, grey[places[:, 1], places[:, 0]].astype(float), np.nan)
-
-
-@lru_cache(maxsize=64)
-def _ring(cells: int, depth: float) -> Floats:
-    """Places (P, 2) so many cells within the edge of a tag, one beside each cell of its border."""
-    along = np.arange(0.5, cells, dtype=float)
-    low, high, same = depth, cells - depth, np.ones_like(along)
-    sides = [(along, low * same), (high * same, along), (along, high * same), (low * same, along)]
-    return np.concatenate([np.stack(side, axis=1) for side in sides])
+def _sampled(grey: Picture, corners: Floats, places: Floats) -> Floats:
+    """Grey levels (N, P) at places (P, 2) of a unit square with corners (N, 4, 2) in the image; nan outside of it."""
+    seen = np.nan_to_num(mapped(square_homographies(corners), places), nan=-1, posinf=-1, neginf=-1)
+    seen = np.rint(seen).astype(int)
+    inside = ((seen >= 0) & (seen < np.array(grey.shape[::-1]))).all(axis=-1)
+    seen = np.where(inside[..., None], seen, 0)
+    return np.where(inside, grey[seen[..., 1], seen[..., 0]].astype(float), np.nan)

@@ -17,6 +17,8 @@ _PIXEL_IS_SMALL = 0.8
 # the sigma of the best picture.
 _SETTLED = 3e-3
 _BLUR_SETTLED = 0.05
+# The same where a finer fit follows.
+_ROUGHLY_SETTLED = 0.1
 # Grey levels of noise below which residuals are those of the model: rounding to whole levels alone leaves 0.29.
 LEAST_NOISE = 0.3
 # Coefficients of the tail of the normal distribution, the highest power first.
@@ -114,9 +116,11 @@ def place_excess(jacobian: Singles, scores: Reals, inverse: Floats, places: slic
     return np.sum(moved**2, axis=(1, 2)) / own * (BLOCKS / (BLOCKS - moved.shape[1]))
 
 
-def settled(places: Floats, log_blur: Floats) -> Mask:
-    """Which fits have come to rest, in place and, roughly, in blur: their noise is judged later."""
-    return (np.max(np.abs(places), axis=1) < _SETTLED) & (np.abs(log_blur) < _BLUR_SETTLED)
+def settled(places: Floats, log_blur: Floats, rough: bool = False) -> Mask:
+    """Which fits have come to rest, in place and, roughly, in blur: their noise is judged later. rough: a finer fit
+    follows."""
+    rest = _ROUGHLY_SETTLED if rough else _SETTLED
+    return (np.max(np.abs(places), axis=1) < rest) & (np.abs(log_blur) < _BLUR_SETTLED)
 
 
 def weighted_mean(values: Singles, weight: Singles) -> Singles:

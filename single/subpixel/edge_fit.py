@@ -97,10 +97,13 @@ class Outline:
 class EdgeOptions:
     """most: lines of pixels across an edge that are looked at; more show little more of a straight edge. ground:
     standard deviation of how the light outside changes from px to px away from the edge, as share of the contrast;
-    paper's does not, a table's does."""
+    paper's does not, a table's does. blur (N,): px, where an earlier fit found the edge to a fraction of them; rough:
+    a tenth of a pixel is enough."""
 
     most: int = 96
     ground: float = 0.0
+    blur: Floats | None = None
+    rough: bool = False
 
 
 _USUAL = EdgeOptions()
@@ -130,7 +133,7 @@ def fit_edges(
     normal *= -np.sign(np.sum((inside - middle) * normal, axis=1))[:, None]
     bands = _Bands(middle, tangent, normal, length, reach, np.zeros(len(start)) if bow is None else bow)
     u, offset, light, weight = _edge_samples(image, bands, margin, options.most)
-    return _edge_iterations(u, offset, light, weight, bands, image.tone, options.ground)
+    return _edge_iterations(u, offset, light, weight, bands, image.tone, options)
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,34 +152,40 @@ def _edge_samples(
     image: LightImage, bands: _Bands, margin: Floats, most: int
 ) -> tuple[Singles, Singles, Singles, Singles]:
     """Pixels in the bands along the edges, with their exact places: u along in [-1, 1], offset across in px."""
-    middle, length = bands.middle, bands.length[:, None, None]
-    tangent, normal, bow = bands.tangent[:, None, None], bands.normal[:, None, None], bands.bow[:, None, None]
+    # From a whole pixel near its middle, places along an edge are exact enough as singles.
+    near = np.rint(bands.middle)
+
+    def each(part: Floats) -> Singles:
+        return part.astype(np.float32)[:, None, None]
+
+    length, bow, (x, y) = each(bands.length), each(bands.bow), map(each, (bands.middle - near).T)
+    (along_x, along_y), (across_x, across_y) = map(each, bands.tangent.T), map(each, bands.normal.T)
     free = np.maximum(bands.length - 2 * margin, 1.0)
     many = int(np.clip(np.max(free), 8, most))
     wide = int(np.ceil(np.max(bands.reach)))
-    s = (np.linspace(-0.5, 0.5, many)[None, :, None]) * free[:, None, None]
-    bulge = bow * ((2 * s / length) ** 2 - 1)
-    n = np.arange(-wide, wide + 1)[None, None, :] + bulge
-    points = middle[:, None, None] + s[..., None] * tangent + n[..., None] * normal
-    whole = np.rint(points).astype(int)
-    light, valid = image.at(whole[..., 0], whole[..., 1])
-    shift = whole - middle[:, None, None]
-    u = np.sum(shift * tangent, axis=-1) / (length / 2)
-    offset = np.sum(shift * normal, axis=-1)
-    valid &= np.abs(offset - bow * (u**2 - 1)) <= bands.reach[:, None, None] + 0.5
+    s = np.linspace(-0.5, 0.5, many, dtype=np.float32)[:, None] * each(free)
+    n = np.arange(-wide, wide + 1, dtype=np.float32) + bow * ((2 * s / length) ** 2 - 1)
+    columns, rows = np.rint(x + s * along_x + n * across_x), np.rint(y + s * along_y + n * across_y)
+    column, row = near.astype(int)[:, None, None].transpose(3, 0, 1, 2)
+    light, valid = image.at(columns.astype(int) + column, rows.astype(int) + row)
+    columns -= x
+    rows -= y
+    u = (columns * along_x + rows * along_y) / (length / 2)
+    offset = columns * across_x + rows * across_y
+    valid &= np.abs(offset - bow * (u**2 - 1)) <= each(bands.reach) + np.float32(0.5)
 
-    def flat(part: Floats | Singles) -> Singles:
-        return part.reshape(len(length), -1).astype(np.float32)
+    def flat(part: Singles) -> Singles:
+        return part.reshape(len(length), -1)
 
     # A pixel of a short side is met several times; its weight is that of one pixel.
     repeat = np.minimum(1.0, free / many)[:, None]
-    return flat(u), flat(offset), flat(light), flat(valid * repeat[..., None])
+    return flat(u), flat(offset), flat(light), flat(valid * repeat[..., None].astype(np.float32))
 
 
 def _edge_iterations(
-    u: Singles, offset: Singles, light: Singles, weight: Singles, bands: _Bands, tone: Tone, ground: float
+    u: Singles, offset: Singles, light: Singles, weight: Singles, bands: _Bands, tone: Tone, options: EdgeOptions
 ) -> EdgeFit:
-    count, reach, start_bow = len(bands.length), bands.reach, bands.bow
+    count, reach, start_bow, ground = len(bands.length), bands.reach, bands.bow, options.ground
     unknowns = 10 if ground else 9
     # Dark, its slope, contrast, its slope, log blur, c0, c1, c2, c3, and how the outside changes across.
     parameters = np.zeros((count, unknowns))
@@ -186,7 +195,7 @@ def _edge_iterations(
     parameters[:, 5], parameters[:, 7] = -start_bow, start_bow
     parameters[:, 0], parameters[:, 2] = dark, bright - dark
     # A step as soft as the band is wide feels the edge from afar; it sharpens as it comes nearer.
-    parameters[:, 4] = np.log(np.maximum(0.5, reach / 4))
+    parameters[:, 4] = np.log(np.maximum(0.5, reach / 4) if options.blur is None else options.blur)
     farthest = np.maximum(1.0, reach / 4)[:, None]
     noise = np.full(count, 4.0)
     bow = _BOW * (bands.length / 100) ** 2
@@ -214,7 +223,7 @@ def _edge_iterations(
         step[:, _PLACE] = np.clip(step[:, _PLACE], -farthest[active], farthest[active])
         parameters[active] = now + step
         parameters[:, 4] = np.clip(parameters[:, 4], np.log(SHARPEST), np.log(SOFTEST))
-        rest = settled(step[:, _PLACE], step[:, 4]) | (iteration == ITERATIONS - 1)
+        rest = settled(step[:, _PLACE], step[:, 4], options.rough) | (iteration == ITERATIONS - 1)
         if not rest.any():
             continue
         done, active = active[rest], active[~rest]
@@ -267,22 +276,21 @@ def fit_outline(
     corners: Floats,
     reach: Floats,
     bow: Floats | None = None,
-    blur: Floats | None = None,
-    most: int = 96,
+    options: EdgeOptions = _USUAL,
 ) -> Outline:
     """The outlines near corners (N, 4, 2) px of quadrilaterals, from the four edges of each.
 
     reach (N, 4): px to either side of the side from corner k to k + 1 that belong to that edge alone.
-    bow (N, 4): how far each side is known to bulge (c2 of an earlier fit), px. blur (N, 4): px, where known.
+    bow (N, 4): how far each side is known to bulge (c2 of an earlier fit), px.
     """
     start, end = corners.reshape(-1, 2), np.roll(corners, -1, axis=1).reshape(-1, 2)
     centre = np.repeat(corners.mean(axis=1), 4, axis=0)
     length = np.linalg.norm(end - start, axis=1)
     # Blur rounds a corner off: within some two pixels of it, or two and a half times a blur that is known.
-    rounded = 2.0 if blur is None else np.maximum(2.0, 2.5 * blur.reshape(-1))
+    rounded = 2.0 if options.blur is None else np.maximum(2.0, 2.5 * options.blur)
     margin = np.minimum(np.maximum(rounded, 0.06 * length), 0.3 * length)
     flat_bow = None if bow is None else bow.reshape(-1)
-    fit = fit_edges(image, start, end, centre, reach.reshape(-1), margin, flat_bow, EdgeOptions(most))
+    fit = fit_edges(image, start, end, centre, reach.reshape(-1), margin, flat_bow, options)
     return meet(corners, fit)
 
 

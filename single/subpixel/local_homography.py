@@ -41,6 +41,24 @@ def local_homographies(plane: Floats, image: Floats) -> Floats:
     return shift @ homography
 
 
+def square_homographies(corners: Floats) -> Floats:
+    """Homographies (N, 3, 3) from the unit square, (0, 0), (1, 0), (1, 1), (0, 1), to corners (N, 4, 2), in closed
+    form (Heckbert, 1989, section 2.2.3). Not finite where three corners lie in one line."""
+    first, second, third, fourth = np.moveaxis(corners, 1, 0)
+    across, down, skew = second - third, fourth - third, first - second + third - fourth
+    with np.errstate(divide="ignore", invalid="ignore"):
+        g, h = (
+            (one[:, :1] * other[:, 1:] - one[:, 1:] * other[:, :1])
+            / (across[:, :1] * down[:, 1:] - across[:, 1:] * down[:, :1])
+            for one, other in ((skew, down), (across, skew))
+        )
+        columns = second - first + g * second, fourth - first + h * fourth, first
+    homography = np.ones((len(corners), 3, 3))
+    homography[:, :2] = np.stack(columns, axis=2)
+    homography[:, 2:, 0], homography[:, 2:, 1] = g, h
+    return homography
+
+
 def mapped(homographies: Floats, points: Floats) -> Floats:
     """Image points (N, Q, 2) of plane points (N, Q, 2) or (Q, 2)."""
     points = np.broadcast_to(points, (len(homographies), *points.shape[-2:]))
