@@ -17,8 +17,7 @@ from typing import Literal
 
 import numpy as np
 
-from quadrig.rig.adjustment.bordered import border_of
-from quadrig.rig.adjustment.levenberg_marquardt import adjust, undamped
+from quadrig.rig.adjustment.bordered import expand
 from quadrig.rig.adjustment.schur import dense_matrix
 from quadrig.rig.adjustment.twist_jacobians import step_by_camera_twist
 from quadrig.rig.joint.cross_validation import cross_validate
@@ -256,10 +255,10 @@ def _new_information(rig: Rig, problem: Problem, joint: Joint) -> tuple[Floats, 
     # What is known of the noise beforehand is what these cameras had when they were calibrated.
     usual = rig.noise if np.isfinite(rig.noise) else joint.noise
     noise = noise_of(chi_square, freedom, usual)
-    found = adjust(joint.observations, joint.adjustment.state, opened, noise, most_steps=0)
-    reduced = undamped(found, opened)
+    state, tables = joint.adjustment.state, joint.adjustment.tables
+    there = expand(joint.errors, joint.observations, state, opened, noise, tables)
+    found, reduced, border = there.adjustment, there.reduced, there.border
     unknown = reduced.free.ravel()
-    border = border_of(joint.errors, joint.observations, found, opened, noise, reduced)
     lost, pulled = border.lost(joint.errors, joint.values)
     matrix = np.where(unknown[:, None] & unknown, dense_matrix(reduced) - lost, 0.0)
     gradient = np.where(unknown, reduced.gradient.ravel(), 0.0) - pulled

@@ -17,6 +17,9 @@ SHAPE_PARAMETERS = ("scale", "stretch", "bend_x", "twist", "bend_y", "curl_x", "
 stands off its plane, as a share of its longer side (of a metre at most): u^2, 2uv, v^2, u^4 and v^4, with u and v 1
 at the ends of that side."""
 
+AXES_OF_SHAPES = ((0, 1), (0, 1), (2,), (2,), (2,), (2,), (2,))
+"""Along which axes of the rectangle each of these moves points: in its plane or out of it."""
+
 # Office printers keep each direction to about a tenth of a per cent, of which the ratio is half.
 _STRETCH_SIGMA = 0.00075
 # Half a millimetre over the length of an A4 sheet: paper on cardboard, or a panel. Its rim alone curls by about half

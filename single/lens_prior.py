@@ -83,7 +83,7 @@ class LensClasses:
         the likeliest lens.
         """
         short = pull - (information @ self.offset[..., None])[..., 0]
-        return _shares(self._class_posteriors(np.zeros_like(self.offset), short, information)[0])[1]
+        return _shares(self._whitened(np.zeros_like(self.offset), short, information).log)[1]
 
     def posterior(self, lens: Floats, pull: Floats, information: Floats) -> "LensPosterior":
         """What data make of the mixture: of these lenses (C, 9) the logarithm of their likelihood has the slope
@@ -104,6 +104,11 @@ class LensClasses:
 
     def _class_posteriors(self, at: Floats, pull: Floats, information: Floats) -> tuple[Floats, Floats, Floats]:
         """Log evidence (C, K) of each class against the likelihood at `at` (C, 9), mean and covariance in `unit`."""
+        found = self._whitened(at, pull, information)
+        covariance = found.root @ np.linalg.inv(found.whole) @ np.swapaxes(found.root, -1, -2)
+        return found.log, self.mean + found.gained, covariance
+
+    def _whitened(self, at: Floats, pull: Floats, information: Floats) -> "_Whitened":
         data, pull = information * self.unit[:, :, None] * self.unit[:, None, :], self.unit * pull
         # About a class's mean m its covariance is P = C C^T, and with x = m + C w the likeliest w solves
         # (1 + C^T L C) w = C^T (h - L m), which no rounding makes singular, for information L and pull h.
@@ -111,9 +116,8 @@ class LensClasses:
         root = np.linalg.cholesky(self.covariance)
         root_t = np.swapaxes(root, -1, -2)
         whole = np.eye(9) + root_t @ data[:, None] @ root
-        inverse = np.linalg.inv(whole)
         short = pull[:, None] - (data[:, None] @ mean[..., None])[..., 0]
-        w = (inverse @ (root_t @ short[..., None]))[..., 0]
+        w = np.linalg.solve(whole, root_t @ short[..., None])[..., 0]
         gained = (root @ w[..., None])[..., 0]
         # What is gained there, written so that an error of w counts by its square.
         found = mean + gained
@@ -121,7 +125,7 @@ class LensClasses:
         log -= 0.5 * (found * (data[:, None] @ found[..., None])[..., 0]).sum(axis=-1)
         with np.errstate(divide="ignore"):
             log = np.log(self.weight) + log - np.linalg.slogdet(whole)[1] / 2
-        return log, self.mean + gained, root @ inverse @ root_t
+        return _Whitened(log, gained, root, whole)
 
     def unusual(self) -> Floats:
         """Probability (C,) that a lens is of no usual kind, or its picture a part of another."""
@@ -160,6 +164,17 @@ class LensClasses:
     def kinds(self) -> Floats:
         """Probability (C, 6) of each of CLASS_NAMES."""
         return (self.weight[..., None] * (self.kind[..., None] == np.arange(len(CLASS_NAMES)))).sum(axis=1)
+
+
+@dataclass(frozen=True, eq=False)
+class _Whitened:
+    """Classes after data: log evidence (C, K), what each class's mean gains (C, K, 9), a root of its covariance
+    before them (C, K, 9, 9), and the information after them where that root is the unit (C, K, 9, 9)."""
+
+    log: Floats
+    gained: Floats
+    root: Floats
+    whole: Floats
 
 
 @dataclass(frozen=True, eq=False)

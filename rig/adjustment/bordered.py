@@ -7,17 +7,20 @@ C + C B S B' C.
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from quadrig.rig.adjustment.levenberg_marquardt import Adjustment, FreeParameters
-from quadrig.rig.adjustment.normal_equations import view_rows
+from quadrig.rig.adjustment.levenberg_marquardt import Adjustment, FreeParameters, at_state, undamped
+from quadrig.rig.adjustment.normal_equations import Linearised, view_rows, weighed
 from quadrig.rig.adjustment.schur import Reduced, node_steps
 from quadrig.rig.adjustment.slack import eliminate_slack
 from quadrig.rig.adjustment.state import State, chain_derivatives
 from quadrig.rig.adjustment.systematic_errors import Moves, SystematicErrors
+from quadrig.rig.adjustment.tables import Tables
 from quadrig.rig.problem.observations import ObservationGroup, Observations
+from quadrig.rig.sheet_shape import AXES_OF_SHAPES
 from quadrig.single.arrays import Floats, Ints
 from quadrig.single.pose import Pose
 
@@ -26,9 +29,8 @@ if TYPE_CHECKING:
 
 # Matrices with fewer elements are quicker dense, most of theirs being zero or not.
 _DENSE = 3_000_000
-# Views whose Gram matrices are made at a time: 0.1 MB each.
-_AT_ONCE = 500
-_NO_LENS = np.zeros(0, int)
+# Points whose rows are made at a time: they fit into a processor's second-level cache.
+_AT_ONCE = 8192
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,7 +38,7 @@ class Border:
     """What the Views say of the errors, poses of bodies eliminated, for each of F folds of the Views.
 
     units (F, E M, U): B above. information (F, U, U): D; gradient (F, U) down the cost; both without the prior.
-    pairs (E M, 6 N) sparse, and passed (6 N, U), sparse where it is large: what leads to the steps of the nodes.
+    pairs (E M, 6 N) and passed (6 N, U), sparse where they are large: what leads to the steps of the nodes.
     lenses (C, K + 2 B, K + 2 B): what all Views say of each camera's lens columns and of what its lens leaves over,
     all poses held and none straying.
     """
@@ -44,7 +46,7 @@ class Border:
     units: Floats
     information: Floats
     gradient: Floats
-    pairs: "scipy.sparse.csr_array"
+    pairs: "Floats | scipy.sparse.csr_array"
     passed: "Floats | scipy.sparse.csr_array"
     lenses: Floats
 
@@ -66,30 +68,37 @@ class Border:
         return (solved[:, :-1] + solved[:, :-1].T) / 2, solved[:, -1]
 
 
-def border_of(
+@dataclass(frozen=True, eq=False)
+class Expansion:
+    """The least-squares problem about a state: the Views' adjustment there, its reduced system, and the border."""
+
+    adjustment: Adjustment
+    reduced: Reduced
+    border: Border
+
+
+def expand(
     errors: SystematicErrors,
     observations: Observations,
-    found: Adjustment,
+    state: State,
     free: FreeParameters,
     noise: float,
-    reduced: Reduced,
+    tables: Tables,
     fold: Ints | None = None,
-) -> Border:
-    """The border at the end of an adjustment by least squares. reduced: of that adjustment. noise: px. fold (N,): of
-    each node, all of whose Views are in it; one fold where None."""
-    from scipy.sparse import bsr_array, coo_array
-
+) -> Expansion:
+    """Cameras, poses of bodies and systematic errors linearised together. noise: px. fold (N,): of each node, all of
+    whose Views are in it; one fold where None."""
+    fold = np.zeros(observations.nodes, int) if fold is None else fold
+    linearised, own = _sums(errors, observations, state, free, noise, fold)
+    found = at_state(observations, state, free, noise, tables, linearised)
+    reduced = undamped(found, free)
     units, size = reduced.free.shape
-    nodes, tables = observations.nodes, found.tables
-    fold = np.zeros(nodes, int) if fold is None else fold
-    own = _Sums.of(errors, observations, found, free, noise, size, fold)
-    node_inverse = bsr_array((reduced.node_inverse, np.arange(nodes), np.arange(nodes + 1)), shape=(6 * nodes,) * 2)
     row = tables.pair_unit[:, None, None] * size + np.arange(size)[:, None]
     column = tables.pair_node[:, None, None] * 6 + np.arange(6)
     at = [axis.ravel() for axis in np.broadcast_arrays(row, column)]
-    pairs = coo_array((found.normal.pairs.ravel(), at), shape=(units * size, 6 * nodes)).tocsr()
-    passed = node_inverse.tocsr() @ own.nodes
-    border, information, gradient = own.units, own.errors, own.gradient
+    pairs = _matrix(found.normal.pairs.ravel(), *at, (units * size, 6 * observations.nodes))
+    passed = _followed(reduced.node_inverse, own.nodes)
+    border, information, gradient = own.units.reshape(len(own.units), units * size, -1), own.errors, own.gradient
     pull = found.normal.node_gradient.ravel()
     for number in range(len(information)):
         rows = np.flatnonzero(np.repeat(fold == number, 6))
@@ -98,33 +107,17 @@ def border_of(
         information[number] -= _dense(own.nodes[rows].T @ chosen)
         gradient[number] -= chosen.T @ pull[rows]
     border[:, ~reduced.free.ravel()] = 0.0
-    return Border(border, information, gradient, pairs, passed, own.lenses)
+    return Expansion(found, reduced, Border(border, information, gradient, pairs, passed, own.lenses))
 
 
-def border_near(
-    before: Border,
-    errors: SystematicErrors,
-    observations: Observations,
-    found: Adjustment,
-    noise: float,
-) -> Border:
-    """The border, of one fold, at the end of an adjustment so near to that of another, at the same noise, that only
-    the gradient differs. No View strays. noise: px."""
-    gradient, chained = np.zeros(len(errors.information)), found.state.camera_from_rect(observations)
-    for group, moves in zip(observations.groups, errors.moves, strict=True):
-        pose = chained[group.view]
-        rows, _ = view_rows(group, found.state.lens[group.camera], pose, _NO_LENS)
-        pull = np.where(np.isfinite(rows), rows, 0.0)
-        left_over = pull[-1] * (group.weights / noise**2)[:, None]
-        on_sheet = np.swapaxes(pose.rotation, 1, 2) @ (pull[3:6] * left_over).sum(axis=2).swapaxes(0, 1)
-        own = (
-            np.einsum("vpsa,vap->vs", moves.by_shape, on_sheet),
-            np.einsum("vpta,vap->vt", moves.by_tone, left_over),
-            (left_over @ moves.by_lens).reshape(len(left_over), -1),
-        )
-        np.add.at(gradient, moves.index, np.concatenate(own, axis=1))
-    gradient -= before.passed.T @ found.normal.node_gradient.ravel()
-    return replace(before, gradient=gradient[None])
+def _followed(inverse: Floats, nodes: "Floats | scipy.sparse.csr_array") -> "Floats | scipy.sparse.csr_array":
+    """Inverses (N, 6, 6) of the nodes' blocks, times a matrix (6 N, U)."""
+    if isinstance(nodes, np.ndarray):
+        return (inverse @ nodes.reshape(*inverse.shape[:2], -1)).reshape(nodes.shape)
+    from scipy.sparse import bsr_array
+
+    count = len(inverse)
+    return bsr_array((inverse, np.arange(count), np.arange(count + 1)), shape=(6 * count,) * 2).tocsr() @ nodes
 
 
 @dataclass(frozen=True, eq=False)
@@ -222,7 +215,7 @@ def solve_bordered(
 
 @dataclass(frozen=True, eq=False)
 class _Sums:
-    """The errors' part of the normal equations: with units (F, E M, U), among themselves (F, U, U) and the gradient
+    """The errors' part of the normal equations: with units (F, E, M, U), among themselves (F, U, U) and the gradient
     (F, U), for each fold; with nodes (6 N, U). lenses: as Border has them."""
 
     units: Floats
@@ -231,107 +224,170 @@ class _Sums:
     gradient: Floats
     lenses: Floats
 
+
+def _sums(
+    errors: SystematicErrors,
+    observations: Observations,
+    state: State,
+    free: FreeParameters,
+    noise: float,
+    fold: Ints,
+) -> tuple[Linearised, _Sums]:
+    """fold (N,): of each node."""
+    columns, joins, chain = free.columns, observations.joins, chain_derivatives(observations, state)
+    lens, unknowns, folds = len(columns), len(errors.information), int(fold.max(initial=0)) + 1
+    size, fields = lens + chain.by_camera.shape[2], errors.lens_rows.shape[1]
+    units = np.zeros((folds, joins.cameras + joins.found, size, unknowns))
+    own, gradient, parts = np.zeros((folds, unknowns, unknowns)), np.zeros((folds, unknowns)), []
+    lenses = np.zeros((observations.cameras, lens + fields, lens + fields))
+    grams, cost = np.zeros((len(joins.camera), lens + 7, lens + 7)), 0.0
+    squares: list[list[Floats]] = [[] for _ in observations.groups]
+    for one in error_rows(errors, observations, state, columns):
+        part, index = one.part, one.moves.index
+        weights, lost = weighed(part, one.square, noise, robust=False)
+        # Views of one camera, one sheet and one fold have the same errors, and stand in a row: they are summed first.
+        key = (index[:, 0] * observations.cameras + part.camera) * folds + fold[part.node]
+        starts = np.flatnonzero(np.diff(key, prepend=-1))
+        gram = _Gram.of(one, weights, lens, starts)
+        camera, number, at = part.camera[starts], fold[part.node[starts]], index[starts]
+        np.add.at(lenses, camera, gram.held(fields, starts))
+        if free.slack is not None and state.slack is not None:
+            gram = gram.without_slack(state.slack[part.view], free.slack.information[part.view], starts)
+        grams[part.view], cost = gram.own, cost + lost
+        squares[one.group].append(one.square)
+        moved = np.swapaxes(chain.by_camera[part.view], 1, 2) @ gram.step
+        with_camera = np.concatenate([gram.across[:, :lens], np.add.reduceat(moved, starts)], axis=1)
+        for row, columns_of in enumerate(at):
+            units[number[row], camera[row]][:, columns_of] += with_camera[row]
+            own[number[row], columns_of[:, None], columns_of] += gram.errors[row]
+            gradient[number[row], columns_of] += gram.across[row, -1]
+        if joins.found:
+            layout = joins.layout[part.view[starts]]
+            with_layout = np.add.reduceat(np.swapaxes(chain.by_layout[part.view], 1, 2) @ gram.step, starts)
+            for row in np.flatnonzero((layout >= 0) & (layout < joins.found)):
+                of_layout = units[number[row], joins.cameras + layout[row], lens : lens + 6]
+                of_layout[:, at[row]] += with_layout[row]
+        row = part.node[:, None, None] * 6 + np.arange(6)[:, None]
+        parts.append([axis.ravel() for axis in np.broadcast_arrays(moved[:, :6], row, index[:, None, :])])
+    nodes = _matrix(*(np.concatenate(each) for each in zip(*parts, strict=True)), (6 * observations.nodes, unknowns))
+    linearised = Linearised(grams, cost, tuple(np.concatenate(each) for each in squares))
+    return linearised, _Sums(units, nodes, own, gradient, lenses)
+
+
+@dataclass(frozen=True, eq=False)
+class _Gram:
+    """Products of the rows of V Views, S runs of which have the same errors: own (V, L, L) over [lens columns, step
+    of camera_from_rect, residual]; of the step with the errors (V, 6, E); and sums over each run of lens columns and
+    residual with the errors, across (S, K + 1, E), and of the errors (S, E, E)."""
+
+    own: Floats
+    step: Floats
+    across: Floats
+    errors: Floats
+
     @staticmethod
-    def of(
-        errors: SystematicErrors,
-        observations: Observations,
-        found: Adjustment,
-        free: FreeParameters,
-        noise: float,
-        size: int,
-        fold: Ints,
-    ) -> "_Sums":
-        """size: M, of a camera's unknowns; fold (N,): of each node."""
-        from scipy.sparse import coo_array
+    def of(one: "ErrorRows", weights: Floats, lens: int, starts: Ints) -> "_Gram":
+        """weights (V, P), which the rows are made to carry; lens: K; starts (S,): where each run begins."""
+        count, size = weights.shape
+        first, root = lens + 7, np.sqrt(weights)[:, None]
+        rows, field = np.multiply(one.rows, root, out=one.rows), one.moves.by_lens * root
+        flat, field_across = np.swapaxes(rows.reshape(len(rows), count, 2 * size), 0, 1), np.swapaxes(field, 1, 2)
+        # A field moves either coordinate by itself: what is not zero of it is one of two halves.
+        halves = rows.transpose(1, 2, 0, 3) @ field_across[:, None]
+        step = slice(lens, lens + 6)
+        of_step = flat[:, step] @ np.swapaxes(flat[:, first:], 1, 2)
+        of_runs = [
+            rows[first:, begin:end].reshape(len(rows) - first, -1) @ rows[:, begin:end].reshape(len(rows), -1).T
+            for begin, end in pairwise([*starts, count])
+        ]
+        few, summed = np.stack(of_runs), np.add.reduceat(halves, starts)
+        kept = [*range(lens), first - 1]
+        across = [np.swapaxes(few[:, :, kept], 1, 2), summed[:, 0, kept], summed[:, 1, kept]]
+        upper = np.concatenate([few[:, :, first:], summed[:, 0, first:], summed[:, 1, first:]], axis=2)
+        shapes, errors = upper.shape[1], np.zeros((len(starts), upper.shape[2], upper.shape[2]))
+        errors[:, :shapes], errors[:, shapes:, :shapes] = upper, np.swapaxes(upper[:, :, shapes:], 1, 2)
+        among, fields = np.add.reduceat(field @ field_across, starts), field.shape[1]
+        for begin in (shapes, shapes + fields):
+            errors[:, begin : begin + fields, begin : begin + fields] = among
+        return _Gram(
+            flat[:, :first] @ np.swapaxes(flat[:, :first], 1, 2),
+            np.concatenate([of_step, halves[:, 0, step], halves[:, 1, step]], axis=2),
+            np.concatenate(across, axis=2),
+            errors,
+        )
 
-        lens, unknowns, folds = len(found.columns), len(errors.information), int(fold.max(initial=0)) + 1
-        result = np.zeros((folds, found.tables.units, size, unknowns))
-        own, gradient, parts = np.zeros((folds, unknowns, unknowns)), np.zeros((folds, unknowns)), []
-        chain, joins = chain_derivatives(observations, found.state), observations.joins
-        fields = errors.lens_rows.shape[1]
-        lenses = np.zeros((observations.cameras, lens + fields, lens + fields))
-        for part, gram, index in extended_grams(errors, observations, found, noise):
-            held = np.r_[:lens, lens + index.shape[1] - fields : lens + index.shape[1]]
-            np.add.at(lenses, part.camera, gram[:, held[:, None], held])
-            if free.slack is not None and found.state.slack is not None:
-                gram = eliminate_slack(gram, found.state.slack[part.view], free.slack.information[part.view]).gram
-            of_errors = gram[:, lens : lens + index.shape[1]]
-            by_pose = of_errors[:, :, -7:-1]
-            with_camera = np.concatenate([of_errors[:, :, :lens], by_pose @ chain.by_camera[part.view]], axis=2)
-            # Views of one camera, one sheet and one fold have the same errors: they are summed first.
-            key = (index[:, 0] * observations.cameras + part.camera) * folds + fold[part.node]
-            order = np.argsort(key, kind="stable")
-            starts = np.flatnonzero(np.diff(key[order], prepend=-1))
-            first = order[starts]
-            at, camera, number = index[first], part.camera[first], fold[part.node[first]]
+    def held(self, fields: int, starts: Ints) -> Floats:
+        """Sums over each run (S, K + fields, K + fields), poses held, of lens columns and fields of lenses."""
+        lens, first = self.across.shape[1] - 1, self.errors.shape[1] - fields
+        across = self.across[:, :lens, first:]
+        own = np.add.reduceat(self.own[:, :lens, :lens], starts)
+        upper, lower = np.concatenate([own, across], 2), (np.swapaxes(across, 1, 2), self.errors[:, first:, first:])
+        return np.concatenate([upper, np.concatenate(lower, 2)], 1)
 
-            place = (number[:, None, None], camera[:, None, None], np.arange(size)[:, None], at[:, None, :])
-            np.add.at(result, place, np.swapaxes(np.add.reduceat(with_camera[order], starts), 1, 2))
-            if joins.found:
-                layout = joins.layout[part.view[first]]
-                loose = np.flatnonzero((layout >= 0) & (layout < joins.found))
-                with_layout = np.add.reduceat((by_pose @ chain.by_layout[part.view])[order], starts)
-                unit = joins.cameras + layout[loose, None, None]
-                place = (number[loose, None, None], unit, lens + np.arange(6)[:, None], at[loose][:, None, :])
-                np.add.at(result, place, np.swapaxes(with_layout[loose], 1, 2))
-            among = np.add.reduceat(of_errors[order, :, lens : lens + index.shape[1]], starts)
-            np.add.at(own, (number[:, None, None], at[:, :, None], at[:, None, :]), among)
-            np.add.at(gradient, (fold[part.node][:, None], index), of_errors[:, :, -1])
-            row = part.node[:, None, None] * 6 + np.arange(6)[:, None]
-            with_node = np.swapaxes(by_pose @ chain.by_node[part.view], 1, 2)
-            parts.append([axis.ravel() for axis in np.broadcast_arrays(with_node, row, index[:, None, :])])
-        value, row, column = (np.concatenate(each) for each in zip(*parts, strict=True))
-        nodes = coo_array((value, (row, column)), shape=(6 * observations.nodes, unknowns))
-        nodes = nodes.toarray() if 6 * observations.nodes * unknowns < _DENSE else nodes.tocsr()
-        return _Sums(result.reshape(folds, -1, unknowns), nodes, own, gradient, lenses)
+    def without_slack(self, slack: Floats, information: Floats, starts: Ints) -> "_Gram":
+        """The errors' part where every View strays by slack (V, 6), with prior information (V, 6), as it must."""
+        lens, eliminated = self.across.shape[1] - 1, eliminate_slack(self.own, slack, information)
+        followed, rows = eliminated.inverse @ self.step, np.swapaxes(eliminated.rows, 1, 2)
+        kept, step = [*range(lens), -1], slice(lens, lens + 6)
+        return replace(
+            self,
+            step=self.step - rows[:, step] @ followed,
+            across=self.across - np.add.reduceat(rows[:, kept] @ followed, starts),
+            errors=self.errors - np.add.reduceat(np.swapaxes(self.step, 1, 2) @ followed, starts),
+        )
 
 
-def extended_grams(
-    errors: SystematicErrors, observations: Observations, found: Adjustment, noise: float
-) -> Iterator[tuple[ObservationGroup, Floats, Ints]]:
-    """Some Views at a time, their Gram matrices (V, K+E+7, K+E+7) over [lens columns, errors, step of
-    camera_from_rect, residual], and which errors (V, E) act on them."""
-    chained = found.state.camera_from_rect(observations)
-    for group, moves in zip(observations.groups, errors.moves, strict=True):
-        for rows in _batches(len(group.view)):
-            part = group.part(rows)
-            yield part, _gram(part, moves, rows, found, chained[part.view], noise), moves.index[rows]
+@dataclass(frozen=True, eq=False)
+class ErrorRows:
+    """Some Views of a group, by its number: rows (K + 7 + S, V, 2, P), unweighted, of derivatives by lens columns
+    (K,) and step of camera_from_rect, of the residual, and of derivatives by shapes and tones; squared residuals
+    (V, P) px^2; and how errors move these Views, of which fields of lenses are to be added to the rows."""
+
+    group: int
+    part: ObservationGroup
+    rows: Floats
+    square: Floats
+    moves: Moves
+
+
+def error_rows(
+    errors: SystematicErrors, observations: Observations, state: State, columns: Ints
+) -> Iterator[ErrorRows]:
+    """The rows of all Views at a state, some at a time."""
+    chained = state.camera_from_rect(observations)
+    for number, (group, moves) in enumerate(zip(observations.groups, errors.moves, strict=True)):
+        step = max(_AT_ONCE // max(group.weights.shape[1], 1), 1)
+        for begin in range(0, len(group.view), step):
+            chosen = slice(begin, begin + step)
+            part, own = group.part(chosen), moves.part(chosen)
+            rows, square = _rows(part, own, state.lens[part.camera], chained[part.view], columns)
+            yield ErrorRows(number, part, rows, square, own)
+
+
+def _rows(group: ObservationGroup, moves: Moves, lens: Floats, pose: Pose, columns: Ints) -> tuple[Floats, Floats]:
+    count, size = group.weights.shape
+    first, shapes, tones = len(columns) + 7, moves.by_shape.shape[1], moves.by_tone.shape[1]
+    rows, square = view_rows(group, lens, pose, columns, more=shapes + tones)
+    by_point = np.swapaxes(rows[first - 4 : first - 1].reshape(3, count, 2 * size), 0, 1)
+    by_rect = (np.swapaxes(pose.rotation, -1, -2) @ by_point).reshape(count, 3, 2, size)
+    for shape, axes in enumerate(AXES_OF_SHAPES):
+        np.multiply(moves.by_shape[:, shape, axes[0], None], by_rect[:, axes[0]], out=rows[first + shape])
+        for axis in axes[1:]:
+            rows[first + shape] += moves.by_shape[:, shape, axis, None] * by_rect[:, axis]
+    rows[first + shapes :] = np.swapaxes(moves.by_tone, 0, 1)
+    if not np.isfinite(square.sum()):
+        rows[~np.isfinite(rows)] = 0.0
+    return rows, square
 
 
 def _dense(matrix: "Floats | scipy.sparse.csr_array") -> Floats:
     return matrix if isinstance(matrix, np.ndarray) else matrix.toarray()
 
 
-def _batches(count: int) -> list[slice]:
-    return [slice(begin, begin + _AT_ONCE) for begin in range(0, count, _AT_ONCE)]
+def _matrix(values: Floats, row: Ints, column: Ints, shape: tuple[int, int]) -> "Floats | scipy.sparse.csr_array":
+    """A matrix of values, those at one place summed, sparse where it is large."""
+    if shape[0] * shape[1] < _DENSE:
+        return np.bincount(row * shape[1] + column, values, shape[0] * shape[1]).reshape(shape)
+    from scipy.sparse import coo_array
 
-
-def _gram(group: ObservationGroup, moves: Moves, rows: slice, found: Adjustment, pose: Pose, noise: float) -> Floats:
-    """Gram matrices (V, K+E+7, K+E+7) over [lens columns, errors, step of camera_from_rect, residual] of some Views
-    of a group; pose: camera_from_rect of each."""
-    lens, (count, size) = len(found.columns), group.weights.shape
-    own, _ = view_rows(group, found.state.lens[group.camera], pose, found.columns)
-    own = np.where(np.isfinite(own), own, 0.0)
-    by_point = np.swapaxes(own[lens + 3 : lens + 6], 0, 1).reshape(count, 3, 2, size)
-    by_rect = np.swapaxes(pose.rotation, -1, -2) @ by_point.reshape(count, 3, 2 * size)
-    by_shape = moves.by_shape[rows].transpose(3, 2, 0, 1)
-    of_shapes = (by_rect.reshape(count, 3, 1, 2, size).transpose(1, 2, 0, 3, 4) * by_shape[:, :, :, None]).sum(axis=0)
-    few = np.concatenate([own[:lens], of_shapes, moves.by_tone[rows].transpose(2, 0, 3, 1), own[lens:]])
-    weights, field = group.weights / noise**2, moves.by_lens[rows]
-    weighted = weights[..., None] * field
-    first = lens + len(of_shapes) + moves.by_tone.shape[2]
-    fields, total = field.shape[2], len(few) + 2 * field.shape[2]
-    gram = np.zeros((count, total, total))
-    kept = np.r_[:first, first + 2 * fields : total]
-    flat = few.reshape(len(few), count, -1).transpose(1, 0, 2)
-    scaled = flat * np.tile(weights, (1, 2))[:, None]
-    gram[:, kept[:, None], kept] = flat @ np.swapaxes(scaled, -1, -2)
-    if not fields:
-        return gram
-    among = np.swapaxes(field, -1, -2) @ weighted
-    for side in range(2):
-        at = slice(first + side * fields, first + (side + 1) * fields)
-        crossed = few[:, :, side].transpose(1, 0, 2) @ weighted
-        gram[:, kept, at], gram[:, at, kept] = crossed, np.swapaxes(crossed, -1, -2)
-        gram[:, at, at] = among
-    return gram
+    return coo_array((values, (row, column)), shape=shape).tocsr()

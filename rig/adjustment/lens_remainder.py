@@ -33,14 +33,17 @@ def degrees_of(cameras: int) -> Ints:
 
 
 def field_basis(degrees: Ints, pixels: Floats, size: Floats) -> Floats:
-    """The functions (..., B) at pixels (..., 2) of pictures of size (..., 2) px, width and height."""
+    """The functions (..., B, P) at pixels (..., P, 2) of pictures of size (..., 2) px, width and height."""
     if not len(degrees):
-        return np.zeros((*pixels.shape[:-1], 0))
+        return np.zeros((*pixels.shape[:-2], 0, pixels.shape[-2]))
     # Beyond the picture, where a wrong corner may lie, the polynomials would explode.
-    at = np.clip((2 * pixels + 1) / size - 1, -1.0, 1.0)
-    legendre = np.stack([np.polynomial.legendre.Legendre.basis(n)(at) for n in range(degrees.max() + 1)])
-    legendre *= np.sqrt(2 * np.arange(len(legendre)) + 1.0).reshape(-1, *[1] * at.ndim)
-    return np.moveaxis(legendre[degrees[:, 0], ..., 0] * legendre[degrees[:, 1], ..., 1], 0, -1)
+    at = np.clip((2 * pixels + 1) / size[..., None, :] - 1, -1.0, 1.0)
+    legendre = [np.ones_like(at), at]
+    for n in range(1, int(degrees.max())):
+        # Bonnet's recursion.
+        legendre.append(((2 * n + 1) * at * legendre[n] - n * legendre[n - 1]) / (n + 1))
+    unit = [np.sqrt(2 * n + 1.0) * each for n, each in enumerate(legendre)]
+    return np.stack([unit[i][..., 0] * unit[j][..., 1] for i, j in degrees], axis=-2)
 
 
 def shares_of(degrees: Ints) -> Floats:

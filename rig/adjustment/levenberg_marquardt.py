@@ -3,11 +3,19 @@
 Levenberg-Marquardt on the Schur complement (Triggs et al., "Bundle adjustment - a modern synthesis", 2000).
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from quadrig.rig.adjustment.normal_equations import Linearised, Normal, linearise, normal_equations
+from quadrig.rig.adjustment.normal_equations import (
+    Linearised,
+    Normal,
+    linearise,
+    normal_equations,
+    residual_squares,
+    weighed,
+)
 from quadrig.rig.adjustment.pose_priors import LayoutPrior, PositionPrior
 from quadrig.rig.adjustment.schur import Reduced, eliminate, node_steps, solve_units
 from quadrig.rig.adjustment.slack import EliminatedSlack, SlackPrior, eliminate_slack, slack_steps
@@ -110,9 +118,28 @@ def adjust(
     while len(costs) <= most_steps and (found := _better(problem, here, damping, tolerance)) is not None:
         here, damping = found
         costs.append(here.cost)
-    return Adjustment(
-        here.state, tuple(costs), here.linearised, here.normal, problem.tables, problem.columns, here.eliminated
-    )
+    return _ended(here, costs)
+
+
+def at_state(
+    observations: Observations,
+    state: State,
+    free: FreeParameters,
+    noise: float,
+    tables: Tables,
+    linearised: Linearised,
+) -> Adjustment:
+    """The end of an adjustment by least squares that took no step, of Views that are linearised already."""
+    problem = _Adjusted(observations, free, tables, free.columns, noise, robust=False)
+    here = _expand(problem, state, (linearised, linearised.cost + _prior_cost(state, free)))
+    return _ended(here, [here.cost])
+
+
+def cost_at(observations: Observations, state: State, free: FreeParameters, noise: float) -> float:
+    """Chi-square of a state, with priors. noise: px."""
+    squares = residual_squares(observations, state)
+    costs = [weighed(g, s, noise, robust=False)[1] for g, s in zip(observations.groups, squares, strict=True)]
+    return sum(costs) + _prior_cost(state, free)
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,6 +165,11 @@ class _Expansion:
     tables: Tables
     columns: Ints
     eliminated: EliminatedSlack | None
+
+
+def _ended(here: _Expansion, costs: Sequence[float]) -> Adjustment:
+    parts = here.linearised, here.normal, here.tables, here.columns, here.eliminated
+    return Adjustment(here.state, tuple(costs), *parts)
 
 
 def _stepped(observations: Observations, here: "Adjustment | _Expansion", steps: Floats, poses: Floats) -> State:
@@ -196,6 +228,17 @@ def _better(
         if gained > 0:
             return _expand(problem, trial, found), damping
     return None
+
+
+def reweighed(
+    observations: Observations, found: Adjustment, free: FreeParameters, before: float, noise: float
+) -> Adjustment:
+    """The end of an adjustment made with another noise (px, before) and other priors, as these would have it there.
+    No View strays."""
+    share, state = (before / noise) ** 2, found.state
+    linearised = replace(found.linearised, gram=share * found.linearised.gram, cost=share * found.linearised.cost)
+    normal = normal_equations(observations, found.tables, state, linearised.gram)
+    return replace(found, linearised=linearised, normal=with_prior(normal, state, free, found.columns))
 
 
 def followed(found: Adjustment, observations: Observations, reduced: Reduced, steps: Floats) -> State:

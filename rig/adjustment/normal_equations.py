@@ -63,7 +63,7 @@ def _gram(
 ) -> tuple[Floats, Floats, float]:
     """Gram matrices (V, K+7, K+7), squared residuals (V, P) px^2 and cost of some Views."""
     rows, square = view_rows(group, state.lens[group.camera], chained[group.view], columns)
-    weights, cost = _weighed(group, square, noise, robust)
+    weights, cost = weighed(group, square, noise, robust)
     if not np.isfinite(square.sum()):
         rows[~np.isfinite(rows)] = 0.0
     uniform = weights.min(initial=np.inf) == weights.max(initial=-np.inf)
@@ -86,8 +86,8 @@ def residual_squares(observations: Observations, state: State) -> tuple[Floats, 
     return tuple(squares)
 
 
-def _weighed(group: ObservationGroup, square: Floats, noise: float, robust: bool) -> tuple[Floats, float]:
-    """Weights (V, P) of the squared residuals and their cost in units of chi-square."""
+def weighed(group: ObservationGroup, square: Floats, noise: float, robust: bool) -> tuple[Floats, float]:
+    """Weights (V, P) of the squared residuals (V, P) px^2, and their cost in units of chi-square."""
     weights = group.weights / noise**2
     behind = ~np.isfinite(square)
     lost = behind.any()
@@ -103,14 +103,17 @@ def _weighed(group: ObservationGroup, square: Floats, noise: float, robust: bool
     return weights, cost
 
 
-def view_rows(group: ObservationGroup, lens: Floats, camera_from_rect: Pose, columns: Ints) -> tuple[Floats, Floats]:
-    """Rows (K + 7, V, 2, P) of derivatives by lens (V, 9) and step of camera_from_rect (V,), and of the residual; and
-    squared residuals (V, P) px^2. Unweighted; not finite where a point is behind its camera."""
+def view_rows(
+    group: ObservationGroup, lens: Floats, camera_from_rect: Pose, columns: Ints, more: int = 0
+) -> tuple[Floats, Floats]:
+    """Rows (K + 7 + more, V, 2, P) of derivatives by lens (V, 9) and step of camera_from_rect (V,), of the residual,
+    and of zeros for others to fill; and squared residuals (V, P) px^2. Unweighted; not finite where a point is behind
+    its camera."""
     count, size = group.weights.shape
     turned = (camera_from_rect.rotation @ np.swapaxes(group.points, -1, -2)).transpose(1, 0, 2).copy()
     located = turned + camera_from_rect.translation.T[:, :, None]
     wanted = len(columns)
-    rows = np.zeros((wanted + 7, count, 2, size))
+    rows = np.zeros((wanted + 7 + more, count, 2, size))
     by_lens: list[Floats | None] = [None] * lens.shape[1]
     for place, column in enumerate(columns):
         by_lens[column] = rows[place].swapaxes(0, 1)
@@ -123,7 +126,7 @@ def view_rows(group: ObservationGroup, lens: Floats, camera_from_rect: Pose, col
             across = turned[a] * by_point[b, side]
             across -= turned[b] * by_point[a, side]
             rows[wanted + axis, :, side] = across
-    residual = rows[-1].swapaxes(0, 1)
+    residual = rows[wanted + 6].swapaxes(0, 1)
     square = np.zeros((count, size))
     for side in range(2):
         left_over = group.pixels[..., side] - pixels[side]

@@ -29,8 +29,8 @@ class Moves:
     """How the points and pixels of a group of Views move with the errors.
 
     index (V, E): which unknowns act on a View: seven of its sheet, then the tone of its camera, then twice B of its
-    camera's lens, across and down. by_shape (V, P, 7, 3) m: of points, in the rectangle's frame. by_tone
-    (V, P, T, 2) px, T one or none; by_lens (V, P, B): of a pixel's either coordinate, for one px.
+    camera's lens, across and down. by_shape (V, 7, 3, P) m: of points, in the rectangle's frame. by_tone
+    (V, T, 2, P) px, T one or none; by_lens (V, B, P): of a pixel's either coordinate, for one px.
     """
 
     index: Ints
@@ -38,14 +38,21 @@ class Moves:
     by_tone: Floats
     by_lens: Floats
 
+    def part(self, rows: slice) -> "Moves":
+        """Some of the Views."""
+        return Moves(self.index[rows], self.by_shape[rows], self.by_tone[rows], self.by_lens[rows])
+
     def corrected(self, group: ObservationGroup, values: Floats) -> ObservationGroup:
         """The Views with errors of these values (U,) taken off."""
-        own = values[self.index]
-        tones, fields = self.by_tone.shape[2], self.by_lens.shape[2]
-        shape, tone, across, down = np.split(own, np.cumsum([_SHAPES, tones, fields]), axis=1)
-        points = group.points + (self.by_shape * shape[:, None, :, None]).sum(axis=2)
-        field = np.stack([(self.by_lens @ part[..., None])[..., 0] for part in (across, down)], axis=-1)
-        pixels = group.pixels - (self.by_tone * tone[:, None, :, None]).sum(axis=2) - field
+        own = values[self.index][:, None]
+        tones, fields = self.by_tone.shape[1], self.by_lens.shape[1]
+        shape, tone, across, down = np.split(own, np.cumsum([_SHAPES, tones, fields]), axis=2)
+        count, size = group.weights.shape
+        moved = (shape @ self.by_shape.reshape(count, _SHAPES, -1)).reshape(count, 3, size)
+        shift = np.concatenate([across, down], axis=1) @ self.by_lens
+        if tones:
+            shift = shift + (tone @ self.by_tone.reshape(count, tones, -1)).reshape(count, 2, size)
+        points, pixels = group.points + np.swapaxes(moved, 1, 2), group.pixels - np.swapaxes(shift, 1, 2)
         return replace(group, points=points, pixels=pixels)
 
 
@@ -66,6 +73,11 @@ class SystematicErrors:
         would be without them."""
         groups = tuple(m.corrected(g, values) for m, g in zip(self.moves, observations.groups, strict=True))
         return replace(observations, groups=groups)
+
+    def is_like(self, other: "SystematicErrors", share: float) -> bool:
+        """Whether fields of lenses are expected to be as large as there, to a share."""
+        own, others = (np.diagonal(each.information)[each.lens_rows] for each in (self, other))
+        return bool((np.abs(own - others) <= share * others).all())
 
     def with_learned_fields(self, information: Floats, pull: Floats) -> "SystematicErrors":
         """The same with priors of the lenses' fields as large as the Views make likely. information (U, U), pull
@@ -104,11 +116,12 @@ def systematic_errors(problem: Problem, observations: Observations) -> Systemati
             (shapes + group.camera)[:, None] + np.zeros(tones, int),
             first_field + fields * group.camera[:, None] + np.arange(fields),
         ]
-        by_shape = np.zeros((*group.points.shape[:2], _SHAPES, 3))
+        count, size = group.weights.shape
+        by_shape = np.zeros((count, _SHAPES, 3, size))
         for row in np.unique(own):
-            by_shape[own == row] = shape_basis(rectangles[row], group.points[own == row])
-        by_tone = _tone_moves(problem, group) if tones else np.zeros((*group.pixels.shape[:2], 0, 2))
-        by_lens = field_basis(degrees, group.pixels, sizes[group.camera][:, None])
+            by_shape[own == row] = shape_basis(rectangles[row], group.points[own == row]).transpose(0, 2, 3, 1)
+        by_tone = _tone_moves(problem, group) if tones else np.zeros((count, 0, 2, size))
+        by_lens = field_basis(degrees, group.pixels, sizes[group.camera])
         moves.append(Moves(np.concatenate(parts, axis=1), by_shape, by_tone, by_lens))
     information = np.eye(first_field + fields * cameras)
     information[:shapes, :shapes] = np.linalg.inv(shape_covariance(rectangles))
@@ -119,12 +132,12 @@ def systematic_errors(problem: Problem, observations: Observations) -> Systemati
 
 
 def _tone_moves(problem: Problem, group: ObservationGroup) -> Floats:
-    """How pixels of the Views of a group move with the tone of their cameras: (V, P, 1, 2)."""
-    moves = np.zeros((*group.pixels.shape[:2], 1, 2))
+    """How pixels of the Views of a group move with the tone of their cameras: (V, 1, 2, P)."""
+    moves = np.zeros((len(group.view), 1, 2, group.weights.shape[1]))
     for row, view in enumerate(group.view):
         common = problem.views[view].common
         if common is not None:
-            moves[row, : len(common), 0] = common
+            moves[row, 0, :, : len(common)] = common.T
     return moves
 
 

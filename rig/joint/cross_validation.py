@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from quadrig.rig.adjustment.bordered import Border, extended_grams
+from quadrig.rig.adjustment.bordered import Border, error_rows
 from quadrig.rig.adjustment.levenberg_marquardt import view_steps
 from quadrig.rig.adjustment.normal_equations import linearise, normal_equations
 from quadrig.rig.adjustment.schur import Reduced, block_matrix, eliminate, node_steps, solve_for
@@ -85,14 +85,17 @@ def cross_validate(problem: Problem, joint: Joint) -> CrossValidation:
 
 def _squares(joint: Joint, step: Floats, errors: Floats) -> Floats:
     """Sum of the weighted squared residuals (V,) after steps (V, K + 6) and of the errors (V, U), to first order."""
-    squares, lens = np.zeros(len(step)), len(joint.adjustment.columns)
-    found = replace(joint.adjustment, state=joint.predicted)
-    for part, gram, index in extended_grams(joint.errors, joint.observations, found, joint.noise):
-        own = np.take_along_axis(errors[part.view], index, axis=1)
-        seen = np.ones((len(own), 1))
-        row = np.concatenate([step[part.view, :lens], own, step[part.view, lens:], -seen], axis=1)[:, None]
-        squares[part.view] = (row @ gram @ np.swapaxes(row, 1, 2))[:, 0, 0]
-    return squares
+    squares, columns = np.zeros(len(step)), joint.adjustment.columns
+    for one in error_rows(joint.errors, joint.observations, joint.predicted, columns):
+        part, rows, moves = one.part, one.rows, one.moves
+        count, fields = len(part.view), moves.by_lens.shape[1]
+        own = np.take_along_axis(errors[part.view], moves.index, axis=1)
+        few, halves = np.split(own, [own.shape[1] - 2 * fields], axis=1)
+        taken = np.concatenate([step[part.view], -np.ones((count, 1)), few], axis=1)[:, None]
+        left = (taken @ np.swapaxes(rows.reshape(len(rows), count, -1), 0, 1)).reshape(count, 2, -1)
+        left = left + halves.reshape(count, 2, fields) @ moves.by_lens
+        squares[part.view] = ((left**2).sum(axis=1) * part.weights).sum(axis=1)
+    return squares / joint.noise**2
 
 
 def _without(joint: Joint, own: Reduced, number: int, out: Mask) -> tuple[Floats, Floats]:

@@ -1,16 +1,17 @@
 """From a first rig to the best one: robust fit, outliers out, least squares to the end, lenses weighed by class."""
 
-from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from quadrig.rig.adjustment.bordered import Border, Bordered, border_near, border_of, solve_bordered
+from quadrig.rig.adjustment.bordered import Bordered, Expansion, expand, solve_bordered
 from quadrig.rig.adjustment.levenberg_marquardt import (
     Adjustment,
     FreeParameters,
     adjust,
+    cost_at,
     lens_covariances,
+    reweighed,
     undamped,
 )
 from quadrig.rig.adjustment.normal_equations import residual_squares
@@ -59,17 +60,16 @@ _WIDER = (20.0, 5.0)
 # Share of a camera's Views that are rejected, from which it may stand in a wrong place: Views themselves are wrong in
 # one of ten at most.
 _GIVEN_UP = 0.2
-# Noise that changes by less than this (log) changes no sigma in its third digit.
+# Noise, or a width of what is expected, that changes by less than this (log) changes no sigma in its third digit.
 _SETTLED_NOISE = 1e-3
 # Probabilities of classes of lenses that change by less than this move no figure by a hundredth of its sigma.
 _SAME_CLASSES = 0.0005
-# A step of sheets' shapes and tones that lowers chi-square by less moves no figure by a thousandth of its sigma.
+# A step of sheets' shapes and tones that lowers chi-square by less moves no figure by a hundredth of its sigma.
 _SAME_ERRORS = 1e-5
+# Where it is expected to lower it by less than that of a sigma, what a fit expects may be learned to the end.
+_SIGMA = 1.0
 # A step that is expected to lower chi-square by less is too short to go wrong: a few sigmas of one number.
 _NEAR = 10.0
-# Chi-square to be gained by a step that moves nothing by more than a third of its sigma: derivatives stay as they
-# are, and cameras and systematic errors go on together.
-_CLOSE = 0.1
 # Times that a step is halved before it is given up.
 _HALVINGS = 8
 # A position that the motion does not show is held to a millimetre (1/m^2).
@@ -156,11 +156,7 @@ def solve_jointly(
     contradicted = _contradicted(problem, observations, robust.inliers)
     if contradicted:
         return contradicted
-    used = observations.with_weights(robust.inliers.weights)
-    found = adjust(
-        used, robust.adjustment.state, robust.free, robust.noise, most_steps=0, tables=robust.adjustment.tables
-    )
-    priors, free = _weighed(problem, priors, robust.free, found)
+    priors, free = _weighed(problem, priors, robust.free, robust.adjustment)
     return _least_squares_stage(problem, observations, replace(robust, free=free), priors)
 
 
@@ -240,84 +236,160 @@ def _weighed(
 def _least_squares_stage(
     problem: Problem, observations: Observations, fit: _Fit, priors: LensPriors
 ) -> Joint | Contradicted:
-    """Least squares until inliers, systematic errors and the weights of the classes of lenses stay the same, and the
+    """Least squares until inliers, systematic errors and what is expected of noise and lenses stay the same, and the
     covariance."""
-    free, inliers, noise, costs = fit.free, fit.inliers, fit.noise, fit.adjustment.costs
-    errors = systematic_errors(problem, observations)
-    values, seen = np.zeros(len(errors.information)), observations
+    tables, fold, costs = fit.adjustment.tables, folds_of(problem), fit.adjustment.costs
+    expected = _Expected(fit.noise, priors, fit.free, systematic_errors(problem, observations))
+    inliers, values, seen = fit.inliers, np.zeros(len(expected.errors.information)), observations
     state, used = fit.adjustment.state, observations.with_weights(inliers.weights)
-    rounds, border = 0, None
-    while True:
-        rounds += 1
-        found = adjust(
-            used, state, free, noise, most_steps=_MOST_STEPS, tables=fit.adjustment.tables, tolerance=_CLOSE
-        )
-        end, before, kinds = _end(errors, values, used, found, free, noise, border=border), noise, priors.kinds
-        costs, noise = costs + found.costs, noise_of(*end.residuals, problem.expected_noise)
-        again = inliers_of(seen, found.linearised.squares, found.state, free, noise)
-        state, values = _moved(errors, values, observations, used, found, free, before, end.bordered)
-        priors, free = _weighed(problem, priors, free, replace(found, state=state), end.covariance)
-        if end.bordered.fall < _NEAR and border is None:
-            # All derivatives are of one state here: what is learned of mixed ones jumps from round to round.
-            errors = errors.with_learned_fields(end.bordered.data_information, end.bordered.data_pull)
-        seen = errors.corrected(observations, values)
-        same = abs(np.log(noise / before)) < _SETTLED_NOISE and np.abs(priors.kinds - kinds).max() < _SAME_CLASSES
-        if (same and again.same_points(inliers) and end.bordered.fall < _SAME_ERRORS) or rounds == _ROUNDS:
-            break
-        near = end.bordered.fall < _CLOSE and free.slack is None and again.same_points(inliers)
-        border = end.bordered.border.at_noise(before, noise) if near else None
-        inliers, used = again, seen.with_weights(again.weights)
+    near = False
+    for _ in range(_ROUNDS):
+        if not near:
+            found = adjust(
+                used, state, expected.free, expected.noise, most_steps=_MOST_STEPS, tables=tables, tolerance=ROUGH
+            )
+            state, costs = found.state, costs + found.costs[:-1]
+        end = _end(expected, values, used, state, tables, fold)
+        costs = costs + end.adjustment.costs
+        then = None
+        if end.bordered.fall < _SIGMA and fit.free.slack is None:
+            expected, end, then = _expecting_alike(problem, expected, end, used)
+        state, values = _moved(expected, end, observations, used)
+        then = then or _learned(problem, expected, end, state)
+        squares = end.adjustment.linearised.squares
+        again = inliers_of(seen, squares, end.adjustment.state, fit.free, then.noise)
+        same = again.same_points(inliers)
+        if same and then.is_like(expected) and end.bordered.fall < _SAME_ERRORS:
+            return _joint(problem, expected, end, used, inliers, costs)
+        near = same and end.bordered.fall < _NEAR
+        expected, inliers, seen = then, again, expected.errors.corrected(observations, values)
+        used = seen.with_weights(again.weights)
         contradicted = _contradicted(problem, observations, inliers)
         if contradicted:
             return contradicted
     if end.bordered.fall > _NEAR:
         # Few Views of one camera may bend sheet, lens and focal against one another along a long valley: what was not
         # reached is no solution, and the misfit stays in the noise.
-        state, values, seen = fit.adjustment.state, np.zeros_like(values), observations
-    used = seen.with_weights(inliers.weights)
-    adjustment = adjust(used, state, free, noise, most_steps=_MOST_STEPS, tables=fit.adjustment.tables)
-    end = _end(errors, values, used, adjustment, free, noise, fold=folds_of(problem))
+        state, values, used = fit.adjustment.state, np.zeros_like(values), observations.with_weights(inliers.weights)
+    found = adjust(used, state, expected.free, expected.noise, most_steps=_MOST_STEPS, tables=tables)
+    end = _end(expected, values, used, found.state, tables, fold)
+    return _joint(problem, expected, end, used, inliers, costs)
+
+
+def _joint(
+    problem: Problem,
+    expected: "_Expected",
+    end: "_End",
+    used: Observations,
+    inliers: Inliers,
+    costs: tuple[float, ...],
+) -> Joint:
     noise = noise_of(*end.residuals, problem.expected_noise)
-    predicted = without_slack(used, adjustment.state, free, noise)
-    freedom = max(end.residuals[1], 0.0) + EXPECTED_WEIGHT
     return Joint(
-        adjustment,
+        end.adjustment,
         used,
-        free,
+        expected.free,
         inliers,
         noise,
-        freedom,
+        max(end.residuals[1], 0.0) + EXPECTED_WEIGHT,
         end.firm,
         end.reduced,
-        priors,
+        expected.priors,
         costs,
-        predicted,
-        errors,
-        values,
+        without_slack(used, end.adjustment.state, expected.free, noise),
+        expected.errors,
+        end.values,
         end.bordered,
     )
 
 
-def _moved(
-    errors: SystematicErrors,
-    values: Floats,
-    observations: Observations,
-    used: Observations,
-    found: Adjustment,
-    free: FreeParameters,
-    noise: float,
-    bordered: Bordered,
-) -> tuple[State, Floats]:
+@dataclass(frozen=True, eq=False)
+class _Expected:
+    """What a fit expects beforehand, as it learns it from the Views: noise (px), lenses, and systematic errors."""
+
+    noise: float
+    priors: LensPriors
+    free: FreeParameters
+    errors: SystematicErrors
+
+    def is_like(self, other: "_Expected") -> bool:
+        """Whether no figure differs by it."""
+        return (
+            abs(np.log(self.noise / other.noise)) < _SETTLED_NOISE
+            and np.abs(self.priors.kinds - other.priors.kinds).max() < _SAME_CLASSES
+            and self.errors.is_like(other.errors, _SETTLED_NOISE)
+        )
+
+
+def _learned(problem: Problem, before: _Expected, end: "_End", state: State) -> _Expected:
+    """What is to be expected after an end, and the state that its step leads to."""
+    noise, errors = noise_of(*end.residuals, problem.expected_noise), before.errors
+    found = replace(end.adjustment, state=state)
+    priors, free = _weighed(problem, before.priors, before.free, found, end.covariance)
+    if end.bordered.fall < _NEAR:
+        errors = errors.with_learned_fields(end.bordered.data_information, end.bordered.data_pull)
+    return _Expected(noise, priors, free, errors)
+
+
+def _expecting_alike(
+    problem: Problem, expected: _Expected, end: "_End", used: Observations
+) -> tuple[_Expected, "_End", _Expected]:
+    """The same end as it is once what it expects is nearly what it teaches, and this: of that all changes, and close
+    by nothing of what the Views say."""
+    for _ in range(_ROUNDS):
+        then = _learned(problem, expected, end, end.bordered.part(used, end.adjustment, 1.0)[0])
+        if then.is_like(expected):
+            return expected, end, then
+        found = reweighed(used, end.adjustment, then.free, expected.noise, then.noise)
+        border = end.bordered.border.at_noise(expected.noise, then.noise)
+        there = Expansion(found, undamped(found, then.free), border)
+        expected, end = then, _solved(then, there, end.values, used)
+    return expected, end, then
+
+
+@dataclass(frozen=True, eq=False)
+class _End:
+    """The end of an adjustment, its reduced system, and what the systematic errors, of values (U,) there, add to it.
+
+    firm, covariance (E M, E M): of the units without and with the errors' doubt. residuals: as residual_sum has it.
+    """
+
+    adjustment: Adjustment
+    values: Floats
+    reduced: Reduced
+    firm: Floats
+    bordered: Bordered
+    covariance: Floats
+    residuals: tuple[float, float]
+
+
+def _end(expected: _Expected, values: Floats, used: Observations, state: State, tables: Tables, fold: Ints) -> _End:
+    """values (U,): of the errors that were taken off; fold (N,): as expand has it."""
+    there = expand(expected.errors, used, state, expected.free, expected.noise, tables, fold)
+    return _solved(expected, there, values, used)
+
+
+def _solved(expected: _Expected, there: Expansion, values: Floats, used: Observations) -> _End:
+    found, reduced = there.adjustment, there.reduced
+    firm = reduced_inverse(reduced)
+    bordered = solve_bordered(there.border, expected.errors, values, found, reduced, firm)
+    covariance = bordered.with_errors(firm)
+    residuals = residual_sum(found, used, expected.free, expected.noise, covariance, bordered.effective)
+    return _End(found, values, reduced, firm, bordered, covariance, residuals)
+
+
+def _moved(expected: _Expected, end: _End, observations: Observations, used: Observations) -> tuple[State, Floats]:
     """State and errors (U,) after the step, or after as much of it as lowers the cost: far from the minimum, where
     few Views leave a focal open, the whole of it may not."""
+    errors = expected.errors
+    found, values, bordered = end.adjustment, end.values, end.bordered
     if bordered.fall < _NEAR:
         return bordered.part(used, found, 1.0)
     weights = [group.weights for group in used.groups]
 
     def cost(state: State, at: Floats) -> float:
         seen = errors.corrected(observations, at).with_weights(weights)
-        tried = adjust(seen, state, free, noise, most_steps=0, tables=found.tables)
-        return tried.costs[-1] + float(at @ errors.information @ at)
+        return cost_at(seen, state, expected.free, expected.noise) + float(at @ errors.information @ at)
 
     here, share = found.costs[-1] + float(values @ errors.information @ values), 1.0
     for _ in range(_HALVINGS):
@@ -326,49 +398,6 @@ def _moved(
             return state, at
         share /= 2
     return found.state, values
-
-
-@dataclass(frozen=True, eq=False)
-class _End:
-    """The end of an adjustment, its reduced system, and what the systematic errors add to it.
-
-    firm, covariance (E M, E M): of the units without and with the errors' doubt. residuals: as residual_sum has it.
-    """
-
-    adjustment: Adjustment
-    reduced: Reduced
-    firm: Floats
-    bordered: Bordered
-    covariance: Floats
-    residuals: tuple[float, float]
-
-
-def _end(
-    errors: SystematicErrors,
-    values: Floats,
-    used: Observations,
-    found: Adjustment,
-    free: FreeParameters,
-    noise: float,
-    *,
-    fold: Ints | None = None,
-    border: Border | None = None,
-) -> _End:
-    """fold (N,): as border_of has it. border: of an end so near that only its gradient differs; else it is made."""
-    reduced = undamped(found, free)
-    firm = reduced_inverse(reduced)
-    bordered = None
-    if border is not None:
-        near = border_near(border, errors, used, found, noise)
-        # What no picture shows, as the scale of all sheets, seems to show where derivatives are not all of one state.
-        with suppress(np.linalg.LinAlgError):
-            bordered = solve_bordered(near, errors, values, found, reduced, firm)
-    if bordered is None:
-        border = border_of(errors, used, found, free, noise, reduced, fold)
-        bordered = solve_bordered(border, errors, values, found, reduced, firm)
-    covariance = bordered.with_errors(firm)
-    residuals = residual_sum(found, used, free, noise, covariance, bordered.effective)
-    return _End(found, reduced, firm, bordered, covariance, residuals)
 
 
 def _is_one_given_up(observations: Observations, inliers: Inliers) -> bool:

@@ -163,6 +163,8 @@ def pack(
         of_model = is_fisheye == (model == "fisheye")
         for size in np.unique(padded[of_model]):
             view = np.flatnonzero(of_model & (padded == size))
+            # In rows of one camera and one sheet, which share unknowns.
+            view = view[np.lexsort((node[view], joins.layout[view], camera[view]))]
             real = np.arange(size) < sizes[view][:, None]
             # Padding repeats the first point: one that surely projects; its weight of zero takes it out.
             index = starts[view][:, None] + np.arange(size) * real

@@ -5,8 +5,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from quadrig.rig.adjustment.bordered import border_of, solve_bordered
-from quadrig.rig.adjustment.levenberg_marquardt import adjust, undamped
+from quadrig.rig.adjustment.bordered import expand, solve_bordered
+from quadrig.rig.adjustment.levenberg_marquardt import adjust
 from quadrig.rig.adjustment.schur import reduced_inverse
 from quadrig.rig.adjustment.systematic_errors import systematic_errors
 from quadrig.single.lens import project
@@ -64,10 +64,10 @@ def both(small, states, simulated):
     problem = states.problem_of(simulated.simulate(3, scene))
     free, errors = states.open_freedom(observations, truth), systematic_errors(problem, observations)
     found = adjust(observations, truth, free, NOISE, most_steps=60)
-    reduced = undamped(found, free)
+    there = expand(errors, observations, found.state, free, NOISE, found.tables)
+    found, reduced, border = there.adjustment, there.reduced, there.border
     alone = reduced_inverse(reduced)
     values = np.zeros(len(errors.information))
-    border = border_of(errors, observations, found, free, NOISE, reduced)
     bordered = solve_bordered(border, errors, values, found, reduced, alone)
     matrix, gradient, first, last = dense_system(errors, observations, found.state, free)
     kept = np.flatnonzero(np.concatenate([reduced.free.ravel(), np.ones(len(matrix) - first, bool)]))

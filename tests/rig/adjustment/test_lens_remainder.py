@@ -20,7 +20,7 @@ def whole_picture():
 
 def test_functions_share_nothing_over_the_picture_and_nothing_with_a_shift_or_a_scale():
     pixels, degrees = whole_picture(), degrees_of(1)
-    basis = field_basis(degrees, pixels, np.array([WIDTH, HEIGHT]))
+    basis = field_basis(degrees, pixels, np.array([WIDTH, HEIGHT])).T
     # Sums over pixels stand for integrals: to a share of the square of a pixel's width.
     np.testing.assert_allclose(basis.T @ basis / len(basis), np.eye(len(degrees)), atol=5e-3)
     affine = np.column_stack([np.ones(len(pixels)), pixels / WIDTH - 0.5])
