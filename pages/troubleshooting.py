@@ -32,6 +32,7 @@ REMARKS = (
     "single/solve/focal_advice.py",
     "io/search/plain_sights.py",
     "io/search/whole_recording.py",
+    "io/live/capture/same_camera.py",
     "io/recording/image_folder.py",
     "io/recording/limits.py",
     "io/recording/messages/mcap_reader.py",

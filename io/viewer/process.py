@@ -1,7 +1,9 @@
 """The rerun viewer as a process: found, started, and ended with us."""
 
 import contextlib
+import ipaddress
 import os
+import secrets
 import shutil
 import signal
 import socket
@@ -34,7 +36,7 @@ _MEMORY = "512MiB"
 
 
 class Viewer:
-    """A rerun viewer in a process of its own, bound to this machine alone.
+    """A rerun viewer in a process of its own, at an address of this machine alone that nobody else is told.
 
     web: a page for a browser instead of a window. options: of the `rerun` program, for a viewer without a window.
     Raises QuadrigError where it does not open.
@@ -43,15 +45,16 @@ class Viewer:
     def __init__(self, web: bool = False, options: Sequence[str] = ()) -> None:
         if not (web or options or has_screen()):
             raise QuadrigError("there is no screen here for the rerun viewer; use --web for a browser or --no-viewer")
-        port, self.page = free_port(), ""
+        host, self.page = own_address(), ""
+        port = free_port(host)
         ports = [port]
-        command = [_executable(), "--bind", "127.0.0.1", "--port", str(port), "--memory-limit", _MEMORY, *options]
+        command = [_executable(), "--bind", host, "--port", str(port), "--memory-limit", _MEMORY, *options]
         if web:
-            web_port = free_port()
+            web_port = free_port(host)
             ports.append(web_port)
             command += ["--serve-web", "--web-viewer-port", str(web_port)]
-            self.page = f"http://127.0.0.1:{web_port}/?url=rerun%2Bhttp://127.0.0.1:{port}/proxy"
-        self.address = f"rerun+http://127.0.0.1:{port}/proxy"
+            self.page = f"http://{host}:{web_port}/?url=rerun%2Bhttp://{host}:{port}/proxy"
+        self.address = f"rerun+http://{host}:{port}/proxy"
         self._stays = not (web or options)
         if not self._stays:
             command = [sys.executable, "-I", "-S", "-c", _ENDS_WITH_US, *command]
@@ -69,7 +72,7 @@ class Viewer:
             os.setpriority(os.PRIO_PGRP, self._process.pid, _NICE)
         try:
             for each in ports:
-                self._wait_for(each)
+                self._wait_for(host, each)
         except BaseException:
             self.close(force=True)
             raise
@@ -79,11 +82,11 @@ class Viewer:
         """Whether it still runs."""
         return self._process.poll() is None
 
-    def _wait_for(self, port: int) -> None:
+    def _wait_for(self, host: str, port: int) -> None:
         until = time.monotonic() + _OPENING_SECONDS
         while time.monotonic() < until and self.open:
             try:
-                socket.create_connection(("127.0.0.1", port), timeout=0.2).close()
+                socket.create_connection((host, port), timeout=0.2).close()
                 # It listens before it opens its window, and dies where it cannot.
                 self._process.wait(_WINDOW_SECONDS if self._stays else 0.0)
             except subprocess.TimeoutExpired:
@@ -110,10 +113,24 @@ def has_screen() -> bool:
     return not sys.platform.startswith("linux") or any(os.environ.get(name) for name in named)
 
 
-def free_port() -> int:
-    """A port of 127.0.0.1 that nobody listens on."""
+def own_address() -> str:
+    """An address of this machine alone that nobody guesses, where the system has more than 127.0.0.1 (not on macOS).
+
+    rerun's servers know no token and answer whatever Host they are called by: a page in this machine's browser whose
+    name is made to lead here (DNS rebinding) could read them if it knew the address, one of 2^24 at 2^15 ports.
+    """
+    address = str(ipaddress.IPv4Address(0x7F000002 + secrets.randbelow((1 << 24) - 4)))
+    try:
+        free_port(address)
+    except OSError:
+        return "127.0.0.1"
+    return address
+
+
+def free_port(host: str) -> int:
+    """A port of this address that nobody listens on."""
     with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
+        probe.bind((host, 0))
         return probe.getsockname()[1]
 
 

@@ -55,8 +55,9 @@ def _read(address: str) -> bytes:
 class PageViewer:
     """A viewer in the browser for what is still to come: `address` takes it, `page` shows it, until `close`.
 
-    What is sent waits in rerun's own server, on 127.0.0.1 at a port of chance: pages from elsewhere cannot read it
-    there (CORS), programs of this machine that find the port can.
+    What is sent waits in rerun's own server, which knows no token: its address stands for one (own_address), and is
+    told by this page alone. Pages from elsewhere that knew it could not read what it answers (CORS); programs of this
+    machine that look for open ports can.
     """
 
     def __init__(self) -> None:

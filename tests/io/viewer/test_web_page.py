@@ -2,14 +2,17 @@
 rerun's viewer reaches nobody else."""
 
 import http.client
+import ipaddress
 import shutil
+import socket
+import sys
 import threading
 from concurrent.futures import ThreadPoolExecutor
 from urllib.parse import parse_qs, urlsplit
 
 import pytest
 
-from quadrig.io.viewer.process import Viewer
+from quadrig.io.viewer.process import Viewer, own_address
 from quadrig.io.viewer.web_page import RECORDING, PageViewer, page_address, rrd_page
 
 RRD = b"what is shown"
@@ -67,18 +70,27 @@ def test_a_live_page_reaches_the_one_server_that_has_its_pictures():
         assert shown == viewer.address
         own = viewer.address.removeprefix("rerun+").removesuffix("/proxy")
         assert f"connect-src 'self' blob: data: {own};" in asked(viewer.page.partition("?")[0])[2]
-        # Pages from elsewhere get no leave to read it, and it is on 127.0.0.1 alone.
-        port = urlsplit(own).port
+        # Pages from elsewhere get no leave to read it, and those that name it otherwise do not know where it is.
+        where = urlsplit(own)
         page_origin = viewer.page[: viewer.page.index("/", len("http://"))]
         for origin, allowed in (("http://evil.example", None), ("null", None), (page_origin, page_origin)):
-            connection = http.client.HTTPConnection("127.0.0.1", port, timeout=10)
+            connection = http.client.HTTPConnection(str(where.hostname), where.port, timeout=10)
             connection.request("OPTIONS", READ, headers={"Origin": origin, "Access-Control-Request-Method": "POST"})
             assert connection.getresponse().headers.get("Access-Control-Allow-Origin") == allowed
-        with pytest.raises(OSError, match=r"refused"):
-            http.client.HTTPConnection("127.0.0.2", port, timeout=5).connect()
+        for address in ("127.0.0.1", "127.0.0.2", socket.gethostbyname(socket.gethostname())):
+            with pytest.raises(OSError, match=r"refused"):
+                http.client.HTTPConnection(address, where.port, timeout=5).connect()
     finally:
         viewer.close()
     assert not viewer.open
+
+
+@pytest.mark.skipif(sys.platform == "darwin", reason="macOS has no address of its own but 127.0.0.1")
+def test_a_viewer_stands_where_nobody_guesses():
+    addresses = {own_address() for _ in range(9)}
+    assert len(addresses) == 9
+    assert all(ipaddress.ip_address(one).is_loopback for one in addresses)
+    assert not addresses & {"127.0.0.1", "127.255.255.255"}
 
 
 def test_a_viewer_that_is_started_keeps_no_count_of_who_uses_it(tmp_path, monkeypatch):
