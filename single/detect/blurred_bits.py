@@ -148,10 +148,7 @@ def _looked_at(grey: Picture, quads: Floats, cells: int, border: int) -> tuple[S
 def ring(cells: int, depth: float) -> Floats:
     """Places (4 cells, 2) so many cells within the edge of a unit square, one beside each cell: by side, from the top
     on and clockwise."""
-    along, low, high = (
-        (np.arange(cells) + 0.5) / cells,
-        np.full(cells, depth / cells),
-        np.full(cells, 1 - depth / cells),
-    )
+    along = (np.arange(cells) + 0.5) / cells
+    low, high = np.full(cells, depth / cells), np.full(cells, 1 - depth / cells)
     sides = [(along, low), (high, along), (along, high), (low, along)]
     return np.concatenate([np.stack(side, axis=1) for side in sides])
