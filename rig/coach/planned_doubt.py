@@ -33,14 +33,16 @@ def planning_doubt(rig: Rig) -> tuple[tuple[Camera, ...], Floats]:
         for camera in rig.cameras
     )
     size = len(cameras) * CAMERA_PARAMETERS
-    information = np.zeros((size, size))
+    information = np.zeros((size + len(cameras),) * 2)
     for group in instances(rig):
-        by_cameras, _, by_pose, _ = rows_of(rig, cameras, group)
-        basis = np.linalg.qr(by_pose)[0]
-        own = by_cameras - basis @ (basis.T @ by_cameras)
+        rows = rows_of(rig, cameras, group)
+        by_all, basis = np.concatenate([rows.by_cameras, rows.by_tones], axis=1), np.linalg.qr(rows.by_pose)[0]
+        own = by_all - basis @ (basis.T @ by_all)
         information += own.T @ own
     noise = rig.noise if np.isfinite(rig.noise) and rig.noise > 0 else 1.0
-    information = information / noise**2 + np.diag(_prior_information(cameras))
+    information = information / noise**2 + np.diag([*_prior_information(cameras), *np.ones(len(cameras))])
+    beside = information[:size, size:]
+    information = information[:size, :size] - beside @ np.linalg.solve(information[size:, size:], beside.T)
     reference = rig.reference if any(c.name == rig.reference for c in cameras) else cameras[0].name
     return cameras, covariance_of(cameras, information, reference)
 

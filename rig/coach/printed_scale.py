@@ -61,20 +61,23 @@ def relative_scales(rig: Rig) -> Scales | None:
     names = tuple(sorted({fit.view.rectangle for fit in rig.fits if pose_of(rig, fit) is not None}))
     if len(names) < 2:
         return None
-    size = len(rig.cameras) * CAMERA_PARAMETERS
+    count = len(rig.cameras)
+    size = count * (CAMERA_PARAMETERS + 1)
     normal, gradient = np.zeros((size + len(names),) * 2), np.zeros(size + len(names))
     for group in instances(rig):
-        by_cameras, by_size, by_rectangle, residuals = rows_of(rig, rig.cameras, group)
-        by_sizes = np.zeros((len(by_size), len(names)))
-        by_sizes[:, names.index(group[0].view.rectangle)] = by_size
-        by_all = np.concatenate([by_cameras, by_sizes], axis=1)
-        inner = np.linalg.pinv(by_rectangle.T @ by_rectangle) @ by_rectangle.T
-        projected = by_all - by_rectangle @ (inner @ by_all)
+        rows = rows_of(rig, rig.cameras, group)
+        by_sizes = np.zeros((len(rows.by_size), len(names)))
+        by_sizes[:, names.index(group[0].view.rectangle)] = rows.by_size
+        by_all = np.concatenate([rows.by_cameras, rows.by_tones, by_sizes], axis=1)
+        inner = np.linalg.pinv(rows.by_pose.T @ rows.by_pose) @ rows.by_pose.T
+        projected = by_all - rows.by_pose @ (inner @ by_all)
         normal += projected.T @ projected
-        gradient += projected.T @ residuals
+        gradient += projected.T @ rows.residuals
     noise = rig.noise if np.isfinite(rig.noise) and rig.noise > 0 else 1.0
     normal, gradient = normal / noise**2, gradient / noise**2
-    normal[np.diag_indices(size)] += np.tile(np.concatenate([1 / _LENS_PRIOR**2, np.zeros(6)]), len(rig.cameras))
+    prior = np.tile(np.concatenate([1 / _LENS_PRIOR**2, np.zeros(6)]), count)
+    # A tone curve makes a tag look larger: as many sigmas as its Views leave open.
+    normal[np.diag_indices(size)] += np.concatenate([prior, np.ones(count)])
     free = np.diag(normal) > 0
     free[_reference_rows(rig)] = False
     free[size] = False

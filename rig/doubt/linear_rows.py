@@ -1,6 +1,7 @@
 """The rows of the linear problem that a Rig's Views pose: derivatives by cameras and by each placed rectangle."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -28,9 +29,21 @@ def pose_of(rig: Rig, fit: ViewFit) -> Pose | None:
     return placed_pose(rig, fit.view.rectangle, fit.view.frameset)
 
 
-def rows_of(rig: Rig, cameras: Sequence[Camera], group: Sequence[ViewFit]) -> tuple[Floats, Floats, Floats, Floats]:
-    """Of all used pixels of one placed rectangle: by the cameras (M, 15 C), by the logarithm of its size (M,), by its
-    pose (M, 6), and the residuals (M,) px.
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """Of M pixel coordinates of one placed rectangle: derivatives by the cameras (M, 15 C), by what the tone of each
+    camera moves them in one standard deviation (M, C), see View.common, by the logarithm of the rectangle's size
+    (M,) and by its pose (M, 6); residuals (M,) px."""
+
+    by_cameras: Floats
+    by_tones: Floats
+    by_size: Floats
+    by_pose: Floats
+    residuals: Floats
+
+
+def rows_of(rig: Rig, cameras: Sequence[Camera], group: Sequence[ViewFit]) -> Rows:
+    """Of all used pixels of one placed rectangle.
 
     cameras: those of the rig, in its order; their free_lens says which columns count.
     """
@@ -41,13 +54,13 @@ def rows_of(rig: Rig, cameras: Sequence[Camera], group: Sequence[ViewFit]) -> tu
         points = fit.view.readings[fit.reading]
         _, by_camera, by_point = camera_derivatives(cameras[index], pose.transform(points))
         good = np.isfinite(fit.residuals).all(-1) & fit.used & np.isfinite(by_point).all((1, 2))
-        rows = np.zeros((2 * int(good.sum()), len(cameras) * CAMERA_PARAMETERS))
-        rows[:, index * CAMERA_PARAMETERS : (index + 1) * CAMERA_PARAMETERS] = by_camera[good].reshape(
-            -1, CAMERA_PARAMETERS
-        )
+        count = 2 * int(good.sum())
+        by_cameras, by_tones = np.zeros((count, len(cameras), CAMERA_PARAMETERS)), np.zeros((count, len(cameras)))
+        by_cameras[:, index] = by_camera[good].reshape(-1, CAMERA_PARAMETERS)
+        if fit.view.common is not None:
+            by_tones[:, index] = fit.view.common[good].ravel()
         arm = (points @ pose.rotation.T)[good]
         by_size = (by_point[good] @ arm[..., None]).reshape(-1)
         by_pose = rectangle_derivatives(by_point, pose, points)[good].reshape(-1, 6)
-        parts.append((rows, by_size, by_pose, fit.residuals[good].reshape(-1)))
-    by_cameras, by_size, by_pose, residuals = (np.concatenate(column) for column in zip(*parts, strict=True))
-    return by_cameras, by_size, by_pose, residuals
+        parts.append((by_cameras.reshape(count, -1), by_tones, by_size, by_pose, fit.residuals[good].reshape(-1)))
+    return Rows(*(np.concatenate(column) for column in zip(*parts, strict=True)))

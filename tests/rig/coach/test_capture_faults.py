@@ -1,5 +1,7 @@
 """Faults of a capture, each made on purpose in a rendered picture or a simulated rig, and each named."""
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
@@ -13,6 +15,7 @@ from quadrig.rig.coach.capture_faults import (
 )
 from quadrig.rig.coach.edge_width import view_edge_widths
 from quadrig.rig.coach.novelty import Places, displaced, news, outlines_of, speed
+from quadrig.rig.coach.planned_doubt import planning_doubt
 from quadrig.rig.coach.printed_scale import relative_scales, scale_fault
 from quadrig.rig.result import Camera, PlacedRectangle, Rig, ViewFit
 from quadrig.single.lens import Intrinsics
@@ -233,6 +236,34 @@ def test_sigma_of_the_scale_covers_its_error():
         ratios.append(scales.log_ratio[1] / scales.sigma[1])
     # Six draws of a unit normal: the root mean square lies in 0.3 to 2.0 in all but three in a thousand.
     assert 0.3 < np.sqrt(np.mean(np.square(ratios))) < 2.0
+
+
+def with_tone(rig, share, name="tag1"):
+    """The rig whose Views of a rectangle say that a tone curve may have made it look larger by such a share."""
+    fits = [
+        replace(fit, view=replace(fit.view, common=share * (fit.view.pixels - fit.view.pixels.mean(axis=0))))
+        if fit.view.rectangle == name
+        else fit
+        for fit in rig.fits
+    ]
+    return replace(rig, fits=tuple(fits))
+
+
+def test_a_tag_that_a_tone_curve_may_have_made_larger_is_not_called_larger():
+    rig = rig_with_sizes([0.16, 0.1616])
+    assert scale_fault(rig) is not None
+    assert scale_fault(with_tone(rig, 0.01)) is None
+    scales = relative_scales(with_tone(rig, 0.01))
+    # Three cameras have a tone of their own each: their mean is as sure as its third root.
+    assert scales.sigma[1] == pytest.approx(0.01 / np.sqrt(3), rel=0.2)
+
+
+def test_what_is_planned_with_knows_of_tone_curves():
+    rig = rig_with_sizes([0.16, 0.16])
+    sure, unsure = (np.diag(planning_doubt(one)[1]) for one in (rig, with_tone(with_tone(rig, 0.02), 0.02, "tag0")))
+    assert (unsure >= sure * (1 - 1e-9)).all()
+    # Where the third camera stands, of which a tone curve says the same in every frameset.
+    assert (unsure[-3:] > 1.5 * sure[-3:]).any()
 
 
 def test_views_of_other_shapes_do_no_harm():
