@@ -131,8 +131,9 @@ def _is_ours(index: McapIndex) -> bool:
     """Whether an MCAP, damaged or whole, may be kept detections: it has such, or nothing that can be read."""
     if any(topic.topic == RIG_TOPIC or holds_images(topic.encoding, topic.schema) for topic in index.topics):
         return False
-    known = not index.topics or any(topic.topic == DETECTIONS_TOPIC for topic in index.topics)
-    return known or is_written_here(index.path)
+    names = [topic.topic for topic in index.topics]
+    ours = DETECTIONS_TOPIC in names or all(name.endswith("/annotations") for name in names)
+    return ours or is_written_here(index.path)
 
 
 def _set_aside(path: Path, lost: int) -> str:
