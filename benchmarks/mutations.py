@@ -111,13 +111,14 @@ def forged_mcap(data: bytes, draw: Random) -> bytes:
     from mcap.writer import CompressionType, Writer
 
     try:
+        header = make_reader(BytesIO(data)).get_header()
         held = list(make_reader(BytesIO(data)).iter_messages(log_time_order=False))
         attachments = list(make_reader(BytesIO(data)).iter_attachments())
     except Exception:
         return mutated_bytes(data, draw)
     stream = BytesIO()
     writer = Writer(stream, compression=draw.choice(list(CompressionType)), chunk_size=draw.choice((2000, 1 << 20)))
-    writer.start("quadrig", "fuzz")
+    writer.start(header.profile, header.library)
     channels: dict[int, int] = {}
     names = {channel.id: _name(channel.topic, draw) for channel in {c.id: c for _, c, _ in held}.values()}
     chosen = {draw.randrange(len(held)) for _ in range(draw.choice((0, 1, 1, 3)))} if held else set()
