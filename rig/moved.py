@@ -48,6 +48,9 @@ _POWER = 0.95
 _DECIDES_NOTHING = 0.05
 # Of focal, size of picture, and coefficients (a tenth of it for tangential ones): more than lenses of others are off.
 _LOOSE = 0.05
+# What another focus does to a lens (sigmas), beside what is known of it: of the focal a share, of the principal point
+# of the width, and to the coefficients and the aspect.
+_REFOCUSED = np.array([0.02, 0.008, 0.008, 0.05, 0.1, 0.003, 0.003, 0.1, 0.003])
 # Chi-square by which one explanation must beat another to be named alone: odds of ninety to one.
 _AMBIGUOUS = 9.0
 
@@ -70,6 +73,7 @@ class CameraMove:
     chance: float = float("nan")
     found: float = float("nan")
     instead: tuple[str, ...] = ()
+    refocused: bool = False
     why: str = ""
     covariance: Floats = field(default_factory=lambda: np.full((6, 6), np.nan))
 
@@ -99,8 +103,9 @@ def find_moved(
     joined = build_problem(
         [camera for camera in problem.cameras if camera.name in largest], list(problem.rectangles.values()), kept
     )
-    tests = _greedy(_evidence(rig, joined), len(largest), false_alarms)
-    answers = {test.name: test for test in tests}
+    evidence = _evidence(rig, joined)
+    tests = _greedy(evidence, len(largest), false_alarms)
+    answers = {test.name: _or_refocused(rig, evidence, test, tests, false_alarms) for test in tests}
     return tuple(answers.get(n) or CameraMove(n, "cannot tell", why=_why_not(n, problem)) for n in names)
 
 
@@ -174,6 +179,24 @@ class _Evidence:
     new_from_old: Pose
     distance: Floats
     freedom: Floats
+    new: "_NewViews"
+
+
+@dataclass(frozen=True, eq=False)
+class _NewViews:
+    """What new Views say of lenses and twists at the stored rig: score and information over the lens columns and the
+    twist of each camera, doubt: what the stored rig knows of these. freedom: of the noise of the stored rig and of
+    the new Views. The rest as _Evidence has it."""
+
+    names: tuple[str, ...]
+    score: Floats
+    information: Floats
+    doubt: Floats
+    columns: Ints
+    stored: tuple[Pose, ...]
+    new_from_old: Pose
+    distance: Floats
+    freedom: tuple[float, float]
 
 
 def _evidence(rig: Rig, problem: Problem) -> _Evidence:
@@ -190,21 +213,51 @@ def _evidence(rig: Rig, problem: Problem) -> _Evidence:
     found = joint.adjustment.state.camera_from_rig
     for row, rig_from_camera in enumerate(stored):
         step[row, len(columns) :] = _twist(found[row].inverse() @ rig_from_camera.inverse())
-    score = gradient - matrix @ step.ravel()
-    doubt = _stored_covariance(rig, problem, columns, new_from_old)
-    unit = np.eye(len(matrix))
-    information = matrix @ np.linalg.inv(unit + doubt @ matrix)
-    seen = np.asarray(np.linalg.solve(unit + matrix @ doubt, score), float)
-    poses = np.ix_(*[(np.arange(count)[:, None] * size + len(columns) + np.arange(6)).ravel()] * 2)
-    return _Evidence(
-        tuple(camera.name for camera in problem.cameras),
-        seen[poses[1].ravel()],
-        information[poses],
-        stored,
-        new_from_old,
-        _distances(problem, joint),
-        _freedom(information[poses], (information @ doubt @ information)[poses], _stored_freedom(rig), freedom),
+    return _against(
+        _NewViews(
+            tuple(camera.name for camera in problem.cameras),
+            gradient - matrix @ step.ravel(),
+            matrix,
+            _stored_covariance(rig, problem, columns, new_from_old),
+            columns,
+            stored,
+            new_from_old,
+            _distances(problem, joint),
+            (_stored_freedom(rig), freedom),
+        )
     )
+
+
+def _against(new: "_NewViews") -> _Evidence:
+    """What new Views say of the cameras' poses, beside what is known of the stored rig."""
+    count = len(new.names)
+    unit, size = np.eye(len(new.information)), len(new.columns) + 6
+    information = new.information @ np.linalg.inv(unit + new.doubt @ new.information)
+    seen = np.asarray(np.linalg.solve(unit + new.information @ new.doubt, new.score), float)
+    poses = (np.arange(count)[:, None] * size + len(new.columns) + np.arange(6)).ravel()
+    passed = (information @ new.doubt @ information)[np.ix_(poses, poses)]
+    information = information[np.ix_(poses, poses)]
+    freedom = _freedom(information, passed, *new.freedom)
+    return _Evidence(new.names, seen[poses], information, new.stored, new.new_from_old, new.distance, freedom, new)
+
+
+def _or_refocused(
+    rig: Rig, evidence: _Evidence, test: CameraMove, tests: Sequence[CameraMove], false_alarms: float
+) -> CameraMove:
+    """The answer, and whether a camera that seems to have moved may have another focus instead: the test again, with
+    as much doubt of its lens as autofocus leaves, and with the others that moved free to."""
+    if test.state != "moved":
+        return test
+    index, new = evidence.names.index(test.name), evidence.new
+    lens = rig.camera(test.name).intrinsics
+    sigma = _REFOCUSED * np.array([lens.focal, *[lens.width] * 2, *np.ones(6)])
+    doubt, size = new.doubt.copy(), len(new.columns) + 6
+    rows = index * size + np.arange(len(new.columns))
+    doubt[rows, rows] += sigma[new.columns] ** 2
+    again = _against(replace(new, doubt=doubt))
+    others = [i for i, one in enumerate(tests) if one.state == "moved" and i != index]
+    limit = _limits(again, false_alarms)[index]
+    return replace(test, refocused=bool(_gain(again, others, index) < limit))
 
 
 def _freedom(information: Floats, passed: Floats, stored: float, new: float) -> Floats:
@@ -311,11 +364,16 @@ def _distances(problem: Problem, joint: Joint) -> Floats:
     return np.array([np.median(distance[problem.camera == row]) for row in range(len(problem.cameras))])
 
 
-def _greedy(evidence: _Evidence, cameras: int, false_alarms: float) -> list[CameraMove]:
+def _limits(evidence: _Evidence, false_alarms: float) -> Floats:
+    """Fall of chi-square (C,) from which a camera is said to have moved."""
     from scipy.stats import f
 
     # Every camera is tested, and any of them may raise the alarm: each has its share of the chance.
-    limits = _FREEDOMS * f.isf(false_alarms / cameras, _FREEDOMS, evidence.freedom)
+    return _FREEDOMS * f.isf(false_alarms / len(evidence.names), _FREEDOMS, evidence.freedom)
+
+
+def _greedy(evidence: _Evidence, cameras: int, false_alarms: float) -> list[CameraMove]:
+    limits = _limits(evidence, false_alarms)
     moved: list[int] = []
     instead: dict[int, tuple[str, ...]] = {}
     # One camera at least must stay: moves are measured against it.

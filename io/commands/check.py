@@ -89,7 +89,8 @@ def sentence(move: CameraMove) -> str:
         return f"{move.name}: cannot tell: {move.why}"
     if move.state == "unmoved":
         return f"{move.name}: unmoved (a shift of {length(move.found)} would have been found)"
-    instead = f", unless it was {' or '.join(move.instead)}" if move.instead else ""
+    others = [*move.instead, *(["the focus of its lens (autofocus)"] if move.refocused else [])]
+    instead = f", unless it was {' or '.join(others)}" if others else ""
     return (
         f"{move.name}: moved by {length(move.shift)} ± {length(move.shift_sigma)} and "
         f"{np.degrees(move.rotation):.3f} ± {np.degrees(move.rotation_sigma):.3f} degrees{instead}"
@@ -106,5 +107,6 @@ def _values(move: CameraMove) -> dict:
         "chance": move.chance,
         "would_be_found_mm": 1e3 * move.found,
         "instead": list(move.instead),
+        "or_refocused": move.refocused,
         "why": move.why,
     }

@@ -16,6 +16,7 @@ from quadrig.rig.joint.delivered_lens import DeliveredLenses, delivered_lenses
 from quadrig.rig.joint.known_lenses import with_evidence
 from quadrig.rig.joint.open_positions import open_positions, with_weak_positions
 from quadrig.rig.joint.placed import bodies_of, placed_poses, rectangles_of
+from quadrig.rig.joint.refocused import refocused
 from quadrig.rig.joint.stages import Joint
 from quadrig.rig.joint.view_errors import view_error_variances
 from quadrig.rig.joint.widened import widened_covariance, with_weak_focals
@@ -235,7 +236,8 @@ def assemble_rig(
         bodies=bodies_of(problem, placed),
         dispersion=float(without.widening.mean()),
     )
-    return replace(rig, weak=(*contradicted, *open_positions(problem, first.weak), *weaknesses(rig)))
+    changed = refocused(problem, joint)
+    return replace(rig, weak=(*contradicted, *open_positions(problem, first.weak), *changed, *weaknesses(rig)))
 
 
 def _reordered(covariance: Floats, rows: list[int]) -> Floats:

@@ -213,3 +213,24 @@ def test_the_nudged_cameras_of_the_floor(shared_data, turn_sigma, place_sigma):
     assert min(moves, key=lambda name: moves[name].chance if name in moved else 1) == "camera_00"
     assert 2 < np.degrees(moves["camera_00"].rotation) < 3.5
     assert moves["camera_13"].state != "moved"
+
+
+def test_a_camera_that_was_focused_anew_may_not_have_moved(simulated, room):
+    """Pictures that are 2 % larger, from where the camera stood before: it is not said that it moved for sure."""
+    made, rig = room
+    centre = made.lenses[2, 1:3]
+    views = [
+        replace(view, pixels=centre + 1.02 * (view.pixels - centre)) if view.camera == "cam2" else view
+        for view in views_again(simulated, made, 4)
+    ]
+    moves = find_moved(rig, made.rectangles, views)
+    assert [move.name for move in moves if move.state == "moved"] == ["cam2"]
+    assert moves[2].refocused
+
+
+def test_a_camera_that_was_pushed_aside_was_not_focused_instead(simulated, room):
+    made, rig = room
+    poses = simulated.moved_poses(made, rig.reference, 2, np.array([0, 0, 0, 0.05, 0.05, 0.0]))
+    moves = find_moved(rig, made.rectangles, views_again(simulated, made, 5, poses=poses))
+    assert moves[2].state == "moved"
+    assert not moves[2].refocused
