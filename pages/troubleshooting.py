@@ -26,6 +26,7 @@ REMARKS = (
     "rig/coach/printed_scale.py",
     "rig/problem/connectivity.py",
     "rig/joint/assemble.py",
+    "rig/joint/refocused.py",
     "rig/joint/stages.py",
     "rig/moved.py",
     "single/solve/corners.py",
