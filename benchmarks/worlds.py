@@ -143,6 +143,7 @@ class Room:
         place: Pose,
         frameset: int,
         true: Floats,
+        stamp: float = float("nan"),
     ) -> None:
         """The View of one camera, if there is one; true (P, 3): where the points really are on the sheet."""
         pixels = self.pixels(camera, place, true)
@@ -151,7 +152,7 @@ class Room:
             return
         noisy = pixels[seen] + self.noise * self.rng.normal(size=(int(seen.sum()), 2))
         name = f"cam{camera}"
-        self.views.append(View(rectangle.name, points[seen], noisy, name, frameset, sigma=self.sigma))
+        self.views.append(View(rectangle.name, points[seen], noisy, name, frameset, sigma=self.sigma, time=stamp))
 
     def made(self) -> Simulated:
         inputs = tuple(CameraInput(f"cam{i}", WIDTH, HEIGHT) for i in range(len(self.poses)))

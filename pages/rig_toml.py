@@ -9,9 +9,11 @@ import msgspec
 from msgspec import inspect
 
 from quadrig.io.config.known_sizes import KNOWN_SIZES
-from quadrig.io.config.marking_tables import Length
+from quadrig.io.config.marking_tables import Length, LineTime
 from quadrig.io.config.rig_toml import file_type
 from quadrig.single.markings.registry import marking_kinds
+
+_QUANTITIES = {Length: "length", LineTime: "time"}
 
 _TITLES = {
     "file": "The file",
@@ -84,6 +86,11 @@ WORDS: dict[str, dict[str, tuple[str, str]]] = {
         ),
         "fixed": ("", "The lens that is given is the truth and stays."),
         "lens": ("", "Which parameters are estimated. `auto`: all, under priors learned from real lenses."),
+        "line_time": (
+            "s",
+            "From one row of its pictures to the next: 0 where all are taken at once, else a few to 50 µs. A "
+            "picture's time is that of its middle row. Without it, it is found where something moves.",
+        ),
     },
     "aprilgrid": {
         "columns": ("tags", "Tags along the width."),
@@ -208,8 +215,8 @@ def _plain(kind: inspect.Type) -> str:
         inspect.BoolType: "`true` or `false`",
         inspect.StructType: "table",
     }
-    if isinstance(kind, inspect.CustomType) and kind.cls is Length:
-        return "length"
+    if isinstance(kind, inspect.CustomType) and kind.cls in _QUANTITIES:
+        return _QUANTITIES[kind.cls]
     return words[type(kind)]
 
 

@@ -120,7 +120,7 @@ def _passed_on(problem: Problem, joint: Joint, rig: Rig, standing: Mask) -> Floa
         free[row] = [name in known for name in LENS_PARAMETERS]
     opened = replace(joint.free, lens=free, pose=np.ones(len(standing), bool), slack=None)
     # The clocks stay where they were found: their doubt is not a rig's.
-    state = replace(joint.adjustment.state, motion=None, offsets=None, slack=None)
+    state = replace(joint.adjustment.state, motion=None, clocks=None, slack=None)
     found = adjust(joint.observations, state, opened, joint.noise, most_steps=0)
     matrix, columns = dense_matrix(undamped(found, opened)), found.columns
     size, units = len(columns) + 6, found.tables.units

@@ -36,7 +36,9 @@ class Camera:
     free_lens: the lens parameters that were estimated (the others kept their given or neutral values);
     lens_reason: why that lens, in words. rms: px, over the used points of the fit; views: how many Views it used.
     observable_focal: False where focal and distance cannot be separated. clock_offset: s, by how much later than
-    the mean of the cameras it takes its pictures for one and the same stamp; zero where it is not observable.
+    the mean of the cameras it takes its pictures for one and the same stamp; zero where it is not observable. A
+    picture is taken when its middle row is. line_time, with its sigma: s from one row to the next, as given or as
+    what moved shows it; nan where not known.
     remainder: px, root mean square over the picture of the smooth shifts of its pixels that the lens model does not
     have; nan where it is not known.
     lens_evidence: what its Views say of its lens, for another calibration of it; None where they were not asked for
@@ -55,6 +57,8 @@ class Camera:
     clock_offset: float = 0.0
     lens_evidence: LensEvidence | None = None
     remainder: float = float("nan")
+    line_time: float = float("nan")
+    line_time_sigma: float = float("nan")
 
 
 @dataclass(frozen=True, eq=False)
@@ -308,7 +312,21 @@ def lens_columns(every: Sequence[tuple[Rig, Camera]]) -> list[Column]:
         Column("RMS", "px", tuple(_if_known(camera.rms) for camera in cameras)),
         Column("held out", "px", tuple(_if_known(camera.held_out_rms) for camera in cameras)),
         Column("Views", "", tuple(str(camera.views) for camera in cameras)),
+        *_line_times(cameras),
     ]
+
+
+def _line_times(cameras: Sequence[Camera]) -> list[Column]:
+    """A column of line times where some are known."""
+    known = [bool(np.isfinite(camera.line_time)) for camera in cameras]
+    return [Column("line time", "µs", tuple(map(line_time, cameras)))] if any(known) else []
+
+
+def line_time(camera: Camera) -> str:
+    """ "20.1 ± 0.2", in microseconds a row; "not known" where it is not."""
+    if not np.isfinite(camera.line_time):
+        return "not known"
+    return with_sigma(1e6 * camera.line_time, 1e6 * camera.line_time_sigma)
 
 
 def body_columns(rig: Rig, body: PlacedBody) -> list[Column]:

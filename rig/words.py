@@ -15,7 +15,8 @@ ONE_SIGMA = "± is one sigma: of a position in one direction, of a rotation abou
 """Stands once beside every result, and holds for each figure of it."""
 
 _METRES = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "in": 0.0254, "ft": 0.3048}
-_LENGTH = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?)\s*([a-zµ]*)\s*")
+_SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9}
+_QUANTITY = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?)\s*([a-zµ]*)\s*")
 
 
 @dataclass(frozen=True)
@@ -57,7 +58,7 @@ def read_length(text: str, bare_below: float = 1.0) -> float:
 
 def read_coordinate(text: str, bare_below: float = 1.0) -> float:
     """Metres of a length that may be zero or below, by the rules of read_length."""
-    match = _LENGTH.fullmatch(text.lower())
+    match = _QUANTITY.fullmatch(text.lower())
     if match is None or (match[2] and match[2] not in _METRES):
         raise QuadrigError(f"{text!r} is no length; give one such as 80mm, 8cm, 0.08m or 3in")
     number = float(match[1])
@@ -65,6 +66,15 @@ def read_coordinate(text: str, bare_below: float = 1.0) -> float:
         raise QuadrigError(f"{text!r} has no unit: give {match[1]}mm or {match[1]}m, whichever is meant")
     # To the picometre: 3in is 0.0762.
     return round(number * _METRES[match[2] or "m"], 12)
+
+
+def read_time(text: str) -> float:
+    """Seconds of "20us", "0.02 ms", "2e-5 s". Raises QuadrigError where it is no time, or has no unit."""
+    match = _QUANTITY.fullmatch(text.lower())
+    if match is None or match[2] not in _SECONDS:
+        raise QuadrigError(f"{text!r} is no time with its unit; give one such as 20us, 33ms or 2e-5s")
+    # To the femtosecond, as lengths.
+    return round(float(match[1]) * _SECONDS[match[2]], 15)
 
 
 def figure(value: float, decimals: int) -> str:

@@ -8,7 +8,8 @@ from typing import Annotated, Any, Union, get_args, get_origin, get_type_hints
 
 import msgspec
 
-from quadrig.rig.words import read_coordinate
+from quadrig.rig.problem.camera_input import check_line_time
+from quadrig.rig.words import read_coordinate, read_time
 from quadrig.single.errors import QuadrigError
 from quadrig.single.markings.registry import marking_kinds
 from quadrig.single.rectangle import Marking, Metres
@@ -28,8 +29,14 @@ class Length(float):
     """Metres in rig.toml: a bare number, or a text with a unit such as "80mm"."""
 
 
-def read_lengths(wanted: type, value: Any) -> Any:
-    """The dec_hook of msgspec that reads a Length. Raises ValueError where it is none."""
+class LineTime(float):
+    """Seconds a row in rig.toml: a bare number, or a text with a unit such as "20us"."""
+
+
+def read_quantities(wanted: type, value: Any) -> Any:
+    """The dec_hook of msgspec that reads a Length or a LineTime. Raises ValueError where it is none."""
+    if wanted is LineTime:
+        return _line_time(value)
     if wanted is not Length:
         raise NotImplementedError
     if isinstance(value, str):
@@ -42,6 +49,17 @@ def read_lengths(wanted: type, value: Any) -> Any:
     if math.isfinite(value) and abs(value) > _LONGEST:
         raise ValueError(f"{value} m is no length of this world; give metres")
     return Length(value)
+
+
+def _line_time(value: Any) -> LineTime:
+    if isinstance(value, bool) or not isinstance(value, str | int | float):
+        raise ValueError('expected a time: seconds a row, or a text with a unit such as "20us"')
+    try:
+        seconds = read_time(value) if isinstance(value, str) else float(value)
+        check_line_time(seconds)
+    except QuadrigError as error:
+        raise ValueError(str(error)) from error
+    return LineTime(seconds)
 
 
 def _written(hint: Any) -> Any:

@@ -13,7 +13,14 @@ from quadrig.io.config.corners_toml import PointedCorners, corners_beside, read_
 from quadrig.io.config.errors import decode_error, locate
 from quadrig.io.config.kalibr_target import with_targets_read
 from quadrig.io.config.known_sizes import known_size
-from quadrig.io.config.marking_tables import Length, marking_keys, marking_of, marking_table, read_lengths
+from quadrig.io.config.marking_tables import (
+    Length,
+    LineTime,
+    marking_keys,
+    marking_of,
+    marking_table,
+    read_quantities,
+)
 from quadrig.io.config.toml_lines import toml_line
 from quadrig.io.plain_words import plain_name
 from quadrig.io.whole_file import read_text, write_text
@@ -87,6 +94,7 @@ class _Camera(_Table):
     model: LensModel = "pinhole"
     fixed: bool = False
     lens: LensChoice = "auto"
+    line_time: LineTime | None = None
 
 
 class _File(_Table, kw_only=True):
@@ -118,6 +126,7 @@ class CameraConfig:
     topic: the recording's topic, None where the name is enough. source: a device number, stream, video or folder for
     rig record and rig setup. focal, principal_point (2,), distortion (5,): prior intrinsics in pixels, None where
     not given; fixed: they are the truth and stay. lens: which parameters are estimated.
+    line_time: s from one row of its pictures to the next; None where not known.
     """
 
     name: str
@@ -130,6 +139,7 @@ class CameraConfig:
     model: LensModel = "pinhole"
     fixed: bool = False
     lens: LensChoice = "auto"
+    line_time: float | None = None
 
     def camera_input(self, width: int, height: int) -> CameraInput:
         """What is known of this camera, its pictures being width x height pixels."""
@@ -142,7 +152,7 @@ class CameraConfig:
             intrinsics = Intrinsics(
                 width, height, self.focal, centre, distortion, aspect=self.aspect, model=self.model
             )
-        return CameraInput(self.name, width, height, intrinsics, self.fixed, lens)
+        return CameraInput(self.name, width, height, intrinsics, self.fixed, lens, line_time=self.line_time)
 
 
 @dataclass(frozen=True, eq=False)
@@ -194,7 +204,7 @@ def parse_config(text: str, name: str = "rig.toml") -> RigConfig:
     text = with_targets_read(text, Path(name).parent, name)
     root = file_type()
     try:
-        tables = msgspec.toml.decode(text, type=root, dec_hook=read_lengths)
+        tables = msgspec.toml.decode(text, type=root, dec_hook=read_quantities)
     except msgspec.DecodeError as error:
         raise decode_error(error, text, name, root) from error
     except RecursionError as error:
@@ -349,6 +359,7 @@ def _camera(table: _Camera, index: int, text: str, name: str) -> CameraConfig:
         table.model,
         table.fixed,
         table.lens,
+        None if table.line_time is None else float(table.line_time),
     )
 
 
@@ -495,4 +506,5 @@ def _camera_table(camera: CameraConfig) -> _Camera:
         model=camera.model,
         fixed=camera.fixed,
         lens=camera.lens,
+        line_time=None if camera.line_time is None else LineTime(camera.line_time),
     )

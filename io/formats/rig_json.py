@@ -34,6 +34,8 @@ _CONVENTIONS = {
     "fisheye": "OpenCV's fisheye (Kannala-Brandt) k1 k2 k3 k4 0",
     "sigma.lens_px": "of where a point far away is seen, over the picture, whatever the pose",
     "sigma.lens": "px for focal, cx and cy; aspect is the focal along y over that along x",
+    "line_time_s": "from one row of a picture to the next; null where not known",
+    "clock_offset_s": "how much later than the mean of the cameras the middle row is taken, of one stamp",
     "bodies.sigma": "of body_from_rect and of rig_from_body, root mean square over the axes; null where not known",
     "sigma.pose": "of a small rotation (rad) and translation (m) that follow rig_from_camera, in the rig frame",
 }
@@ -48,6 +50,7 @@ class _Sigma(msgspec.Struct):
     lens_px: float | None = None
     rotation_deg: float | None = None
     position_m: float | None = None
+    line_time_s: float | None = None
 
 
 class _Lens(msgspec.Struct, kw_only=True):
@@ -60,6 +63,8 @@ class _Lens(msgspec.Struct, kw_only=True):
     distortion: list[float]
     sigma: _Sigma = msgspec.field(default_factory=_Sigma)
     rms_px: float | None = None
+    clock_offset_s: float = 0.0
+    line_time_s: float | None = None
 
 
 class _Camera(_Lens, kw_only=True):
@@ -206,14 +211,26 @@ def _poses(matrices: list[Any], framesets: list[int] | None, where: str) -> tupl
 
 def _rig_of(cameras: Mapping[str, _Lens], poses: Mapping[str, Pose], frame: str, path: Path) -> Rig:
     """The cameras at these poses, with what doubt of each its sigmas state."""
-    lenses, rms = {}, []
+    lenses = {}
     for name, camera in cameras.items():
         size, matrix = (camera.width, camera.height), np.array(camera.camera_matrix, float)
         lenses[name] = lens_of(size, matrix, camera.distortion, f"{path}: camera {name!r}", camera.model)
-        rms.append(np.nan if camera.rms_px is None else camera.rms_px)
     rig = rig_of(lenses, poses, frame)
-    placed = tuple(replace(camera, rms=value) for camera, value in zip(rig.cameras, rms, strict=True))
+    placed = tuple(
+        replace(
+            camera,
+            rms=_or_nan(held.rms_px),
+            clock_offset=held.clock_offset_s,
+            line_time=_or_nan(held.line_time_s),
+            line_time_sigma=_or_nan(held.sigma.line_time_s),
+        )
+        for camera, held in zip(rig.cameras, cameras.values(), strict=True)
+    )
     return replace(rig, cameras=placed, covariance=_own_covariance(cameras))
+
+
+def _or_nan(value: float | None) -> float:
+    return float("nan") if value is None else value
 
 
 def json_text(values: object) -> str:
@@ -265,17 +282,21 @@ def _camera_values(rig: Rig, camera: Camera) -> dict[str, Any]:
             "lens_px": lens_accuracy(rig, camera.name),
             "rotation_deg": np.degrees(rig.rotation_sigma(camera.name)),
             "position_m": rig.position_sigma(camera.name),
+            "line_time_s": camera.line_time_sigma,
             "lens": {name: sigma for name, sigma in stated.items() if name not in _POSE_STEP},
             "pose": {name: stated[name] for name in _POSE_STEP},
         },
         "rms_px": camera.rms,
+        "clock_offset_s": camera.clock_offset,
+        "line_time_s": camera.line_time,
     }
 
 
 def _lens_values(rig: Rig, camera: Camera) -> dict[str, Any]:
     """The values of a camera that has no pose."""
     values = _camera_values(rig, camera)
-    sigma = {key: value for key, value in values["sigma"].items() if key in ("focal_px", "lens_px", "lens")}
+    own = ("focal_px", "lens_px", "lens", "line_time_s")
+    sigma = {key: value for key, value in values["sigma"].items() if key in own}
     return {**{key: value for key, value in values.items() if key != "rig_from_camera"}, "sigma": sigma}
 
 

@@ -11,7 +11,7 @@ from quadrig.io.report.figures import figures
 from quadrig.rig.doubt.residual_field import residual_field
 from quadrig.rig.doubt.verdict import PATTERN
 from quadrig.rig.doubt.weaknesses import clock_offsets
-from quadrig.rig.result import Camera, Rig
+from quadrig.rig.result import Camera, Rig, line_time
 from quadrig.rig.words import Column, with_sigma
 from quadrig.single.lens import DISTORTION_NAMES
 from quadrig.single.rotation import angles_from_rotation
@@ -52,6 +52,11 @@ def _sentences(rig: Rig, camera: Camera) -> list[str]:
             f"Its pictures were taken {abs(late):.1f} ms {'later' if late > 0 else 'earlier'} than those of {base} "
             "with the same stamp."
         )
+    if np.isfinite(camera.line_time):
+        since = "as given" if camera.line_time_sigma == 0 else "as what moved shows"
+        sentences.append(f"Its rows were taken {line_time(camera)} µs after one another, {since}.")
+    else:
+        sentences.append("How long after one another its rows were taken is not known: too little moved.")
     return sentences
 
 

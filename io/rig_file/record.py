@@ -57,6 +57,8 @@ class CameraRecord(msgspec.Struct):
     views: int = 0
     observable_focal: bool = True
     clock_offset: Number = 0.0
+    line_time: Number = None
+    line_time_sigma: Number = None
     lens_evidence: EvidenceRecord | None = None
     remainder: Number = None
 
@@ -238,6 +240,8 @@ def _camera_record(camera: Camera) -> CameraRecord:
         views=int(camera.views),
         observable_focal=bool(camera.observable_focal),
         clock_offset=number(camera.clock_offset),
+        line_time=number(camera.line_time),
+        line_time_sigma=number(camera.line_time_sigma),
         remainder=number(camera.remainder),
         lens_evidence=None
         if evidence is None
@@ -266,6 +270,8 @@ def _camera(held: CameraRecord) -> Camera:
         views=held.views,
         observable_focal=held.observable_focal,
         clock_offset=read_number(held.clock_offset),
+        line_time=read_number(held.line_time),
+        line_time_sigma=read_number(held.line_time_sigma),
         remainder=read_number(held.remainder),
         lens_evidence=None
         if evidence is None

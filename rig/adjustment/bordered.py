@@ -22,7 +22,6 @@ from quadrig.rig.adjustment.tables import Tables
 from quadrig.rig.problem.observations import ObservationGroup, Observations
 from quadrig.rig.sheet_shape import AXES_OF_SHAPES
 from quadrig.single.arrays import Floats, Ints
-from quadrig.single.pose import Pose
 
 if TYPE_CHECKING:
     import scipy.sparse
@@ -237,10 +236,12 @@ def _sums(
     columns, joins, chain = free.columns, observations.joins, chain_derivatives(observations, state)
     lens, unknowns, folds = len(columns), len(errors.information), int(fold.max(initial=0)) + 1
     size, fields = lens + chain.by_camera.shape[2], errors.lens_rows.shape[1]
+    # Lens and line time act on the Views themselves.
+    itself = lens + (state.readout(observations) is not None)
     units = np.zeros((folds, joins.cameras + joins.found, size, unknowns))
     own, gradient, parts = np.zeros((folds, unknowns, unknowns)), np.zeros((folds, unknowns)), []
     lenses = np.zeros((observations.cameras, lens + fields, lens + fields))
-    grams, cost = np.zeros((len(joins.camera), lens + 7, lens + 7)), 0.0
+    grams, cost = np.zeros((len(joins.camera), itself + 7, itself + 7)), 0.0
     squares: list[list[Floats]] = [[] for _ in observations.groups]
     for one in error_rows(errors, observations, state, columns):
         part, index = one.part, one.moves.index
@@ -248,15 +249,16 @@ def _sums(
         # Views of one camera, one sheet and one fold have the same errors, and stand in a row: they are summed first.
         key = (index[:, 0] * observations.cameras + part.camera) * folds + fold[part.node]
         starts = np.flatnonzero(np.diff(key, prepend=-1))
-        gram = _Gram.of(one, weights, lens, starts)
+        gram = _Gram.of(one, weights, itself, starts)
         camera, number, at = part.camera[starts], fold[part.node[starts]], index[starts]
-        np.add.at(lenses, camera, gram.held(fields, starts))
+        np.add.at(lenses, camera, gram.held(lens, fields, starts))
         if free.slack is not None and state.slack is not None:
             gram = gram.without_slack(state.slack[part.view], free.slack.information[part.view], starts)
         grams[part.view], cost = gram.own, cost + lost
         squares[one.group].append(one.square)
         moved = np.swapaxes(chain.by_camera[part.view], 1, 2) @ gram.step
         with_camera = np.concatenate([gram.across[:, :lens], np.add.reduceat(moved, starts)], axis=1)
+        with_camera[:, size - itself + lens :] += gram.across[:, lens:itself]
         for row, columns_of in enumerate(at):
             units[number[row], camera[row]][:, columns_of] += with_camera[row]
             own[number[row], columns_of[:, None], columns_of] += gram.errors[row]
@@ -276,9 +278,10 @@ def _sums(
 
 @dataclass(frozen=True, eq=False)
 class _Gram:
-    """Products of the rows of V Views, S runs of which have the same errors: own (V, L, L) over [lens columns, step
-    of camera_from_rect, residual]; of the step with the errors (V, 6, E); and sums over each run of lens columns and
-    residual with the errors, across (S, K + 1, E), and of the errors (S, E, E)."""
+    """Products of the rows of V Views, S runs of which have the same errors: own (V, L, L) over [lens columns, line
+    time where things move, step of camera_from_rect, residual]; of the step with the errors (V, 6, E); and sums over
+    each run of what comes before the step and of the residual with the errors, across (S, K + 1, E), and of the
+    errors (S, E, E)."""
 
     own: Floats
     step: Floats
@@ -287,7 +290,8 @@ class _Gram:
 
     @staticmethod
     def of(one: "ErrorRows", weights: Floats, lens: int, starts: Ints) -> "_Gram":
-        """weights (V, P), which the rows are made to carry; lens: K; starts (S,): where each run begins."""
+        """weights (V, P), which the rows are made to carry; lens: how many come before the step; starts (S,): where
+        each run begins."""
         count, size = weights.shape
         first, root = lens + 7, np.sqrt(weights)[:, None]
         rows, field = np.multiply(one.rows, root, out=one.rows), one.moves.by_lens * root
@@ -316,9 +320,9 @@ class _Gram:
             errors,
         )
 
-    def held(self, fields: int, starts: Ints) -> Floats:
+    def held(self, lens: int, fields: int, starts: Ints) -> Floats:
         """Sums over each run (S, K + fields, K + fields), poses held, of lens columns and fields of lenses."""
-        lens, first = self.across.shape[1] - 1, self.errors.shape[1] - fields
+        first = self.errors.shape[1] - fields
         across = self.across[:, :lens, first:]
         own = np.add.reduceat(self.own[:, :lens, :lens], starts)
         upper, lower = np.concatenate([own, across], 2), (np.swapaxes(across, 1, 2), self.errors[:, first:, first:])
@@ -340,8 +344,9 @@ class _Gram:
 @dataclass(frozen=True, eq=False)
 class ErrorRows:
     """Some Views of a group, by its number: rows (K + 7 + S, V, 2, P), unweighted, of derivatives by lens columns
-    (K,) and step of camera_from_rect, of the residual, and of derivatives by shapes and tones; squared residuals
-    (V, P) px^2; and how errors move these Views, of which fields of lenses are to be added to the rows."""
+    (K,), line time where things move, and step of camera_from_rect, of the residual, and of derivatives by shapes and
+    tones; squared residuals (V, P) px^2; and how errors move these Views, of which fields of lenses are to be added
+    to the rows."""
 
     group: int
     part: ObservationGroup
@@ -354,30 +359,32 @@ def error_rows(
     errors: SystematicErrors, observations: Observations, state: State, columns: Ints
 ) -> Iterator[ErrorRows]:
     """The rows of all Views at a state, some at a time."""
-    chained = state.camera_from_rect(observations)
+    chained, readout = state.camera_from_rect(observations), state.readout(observations)
     for number, (group, moves) in enumerate(zip(observations.groups, errors.moves, strict=True)):
         step = max(_AT_ONCE // max(group.weights.shape[1], 1), 1)
         for begin in range(0, len(group.view), step):
             chosen = slice(begin, begin + step)
             part, own = group.part(chosen), moves.part(chosen)
-            rows, square = _rows(part, own, state.lens[part.camera], chained[part.view], columns)
+            more, pose = own.by_shape.shape[1] + own.by_tone.shape[1], chained[part.view]
+            rows, square = view_rows(part, state.lens[part.camera], pose, columns, readout, more)
+            _fill_error_rows(rows, own, pose.rotation)
+            if not np.isfinite(square.sum()):
+                rows[~np.isfinite(rows)] = 0.0
             yield ErrorRows(number, part, rows, square, own)
 
 
-def _rows(group: ObservationGroup, moves: Moves, lens: Floats, pose: Pose, columns: Ints) -> tuple[Floats, Floats]:
-    count, size = group.weights.shape
-    first, shapes, tones = len(columns) + 7, moves.by_shape.shape[1], moves.by_tone.shape[1]
-    rows, square = view_rows(group, lens, pose, columns, more=shapes + tones)
+def _fill_error_rows(rows: Floats, moves: Moves, rotation: Floats) -> None:
+    """Fill the last of the rows (.., V, 2, P) with the derivatives by shapes and tones; rotation (V, 3, 3): of
+    camera_from_rect."""
+    shapes, tones = moves.by_shape.shape[1], moves.by_tone.shape[1]
+    first, (count, _, size) = len(rows) - shapes - tones, rows.shape[1:]
     by_point = np.swapaxes(rows[first - 4 : first - 1].reshape(3, count, 2 * size), 0, 1)
-    by_rect = (np.swapaxes(pose.rotation, -1, -2) @ by_point).reshape(count, 3, 2, size)
+    by_rect = (np.swapaxes(rotation, -1, -2) @ by_point).reshape(count, 3, 2, size)
     for shape, axes in enumerate(AXES_OF_SHAPES):
         np.multiply(moves.by_shape[:, shape, axes[0], None], by_rect[:, axes[0]], out=rows[first + shape])
         for axis in axes[1:]:
             rows[first + shape] += moves.by_shape[:, shape, axis, None] * by_rect[:, axis]
     rows[first + shapes :] = np.swapaxes(moves.by_tone, 0, 1)
-    if not np.isfinite(square.sum()):
-        rows[~np.isfinite(rows)] = 0.0
-    return rows, square
 
 
 def _dense(matrix: "Floats | scipy.sparse.csr_array") -> Floats:

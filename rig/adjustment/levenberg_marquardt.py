@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from quadrig.rig.adjustment.motion import CLOCK, CLOCK_INFORMATION
 from quadrig.rig.adjustment.normal_equations import (
     Linearised,
     Normal,
@@ -28,8 +29,6 @@ from quadrig.single.damping import MOST_DAMPING, UNSOLVABLE, Damping, gain
 # A step that is expected to lower chi-square by less than this moves every parameter by less than a thousandth
 # of its own sigma: nothing that a result prints can change.
 CONVERGED = 1e-6
-# Clocks are known to a second beforehand (1/s^2): this holds their common offset, which nothing else does.
-_CLOCK_INFORMATION = 1.0
 _FIRST_DAMPING = 1e-5
 
 
@@ -66,8 +65,8 @@ class FreeParameters:
     def unknowns(self, columns: Ints, state: State) -> Mask:
         """(E, M) bool: which unknowns of the reduced system are estimated at a state."""
         parts = [self.lens[:, columns], np.repeat(self.pose[:, None], 6, axis=1)]
-        if state.motion is not None and state.offsets is not None:
-            parts.append(state.motion.free[:, None])
+        if state.motion is not None and state.clocks is not None:
+            parts.append(state.motion.free)
         cameras = np.concatenate(parts, axis=1)
         layouts = np.zeros((len(self.layouts.information), cameras.shape[1]), bool)
         layouts[:, len(columns) : len(columns) + 6] = self.is_layout_free
@@ -181,9 +180,9 @@ def _stepped(observations: Observations, here: "Adjustment | _Expansion", steps:
         slack = slack + slack_steps(
             here.eliminated, view_steps(observations, here.tables, state, steps, poses, count)
         )
-    offsets = None if state.offsets is None else state.offsets + steps[:cameras, count + 6 :].sum(axis=1)
+    clocks = state.clocks if state.motion is None or state.clocks is None else state.clocks + steps[:cameras, -CLOCK:]
     twists = steps[:, count : count + 6]
-    return replace(state.moved(lens, twists[:cameras], poses, twists[cameras:]), slack=slack, offsets=offsets)
+    return replace(state.moved(lens, twists[:cameras], poses, twists[cameras:]), slack=slack, clocks=clocks)
 
 
 def _linearised(problem: _Adjusted, state: State) -> tuple[Linearised, float]:
@@ -250,7 +249,8 @@ def followed(found: Adjustment, observations: Observations, reduced: Reduced, st
 def view_steps(
     observations: Observations, tables: Tables, state: State, steps: Floats, poses: Floats, lens: int
 ) -> Floats:
-    """Steps (V, K + 6) of lens and chained camera_from_rect, of steps of the units (E, M) and nodes (N, 6).
+    """Steps (V, K + 6) of lens and chained camera_from_rect, of steps of the units (E, M) and nodes (N, 6); with the
+    line time after the lens, where things move.
 
     lens: K, how many of a camera's unknowns are the lens's.
     """
@@ -260,7 +260,8 @@ def view_steps(
     if len(tables.loose):
         by_layout = chain.by_layout[tables.loose]
         chained[tables.loose] += (by_layout @ steps[tables.layout, lens : lens + 6, None])[..., 0]
-    return np.concatenate([own[:, :lens], chained], axis=1)
+    line = [] if state.motion is None else [own[:, -1:]]
+    return np.concatenate([own[:, :lens], *line, chained], axis=1)
 
 
 def _prior_cost(state: State, free: FreeParameters) -> float:
@@ -269,8 +270,8 @@ def _prior_cost(state: State, free: FreeParameters) -> float:
     if free.slack is not None and state.slack is not None:
         held = np.where(free.slack.loose[:, None], free.slack.information, 0.0)
         cost += float((held * state.slack**2).sum())
-    if state.offsets is not None:
-        cost += float((state.offsets**2).sum()) * _CLOCK_INFORMATION
+    if state.clocks is not None:
+        cost += float((CLOCK_INFORMATION * state.clocks**2).sum())
     cost += sum(prior.cost(state) for prior in free.positions)
     return cost + free.layouts.cost(state) if len(free.layouts.information) else cost
 
@@ -282,9 +283,9 @@ def with_prior(normal: Normal, state: State, free: FreeParameters, columns: Ints
     units, gradient = normal.units.copy(), normal.unit_gradient.copy()
     units[:cameras, :count, :count] += information[:, columns[:, None], columns]
     gradient[:cameras, :count] += pull[:, columns]
-    if state.offsets is not None and state.motion is not None:
-        units[:cameras, -1, -1] += _CLOCK_INFORMATION
-        gradient[:cameras, -1] -= _CLOCK_INFORMATION * state.offsets
+    if state.clocks is not None and state.motion is not None:
+        units[:cameras, range(-CLOCK, 0), range(-CLOCK, 0)] += CLOCK_INFORMATION
+        gradient[:cameras, -CLOCK:] -= CLOCK_INFORMATION * state.clocks
     twist = slice(count, count + 6)
     if len(free.layouts.information):
         of_layouts, down = free.layouts.on_twists(state)

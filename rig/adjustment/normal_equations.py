@@ -1,7 +1,8 @@
 """The Gram matrices of all Views, and the normal equations that they are spread to.
 
-A View depends on the lens of its camera and on camera_from_rect alone. So each View is first reduced to one small
-Gram matrix over [lens, step of camera_from_rect, residual]; Eq. 50's chain (state.py) then spreads it over the poses.
+A View depends on the lens of its camera, on its line time where things move, and on camera_from_rect alone. So each
+View is first reduced to one small Gram matrix over [lens, line time, step of camera_from_rect, residual]; Eq. 50's
+chain (state.py) then spreads it over the poses.
 Each View touches one pose of a body, so that their part of the normal matrix is 6x6 blocks, eliminated in one batch
 (Schur complement).
 """
@@ -10,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from quadrig.rig.adjustment.state import State, chain_derivatives
+from quadrig.rig.adjustment.state import Readout, State, chain_derivatives
 from quadrig.rig.adjustment.tables import Tables
 from quadrig.rig.problem.observations import ObservationGroup, Observations
 from quadrig.single.arrays import Floats, Ints
@@ -28,7 +29,8 @@ _AT_ONCE = 8192
 
 @dataclass(frozen=True, eq=False)
 class Linearised:
-    """All Views at a state. gram (V, K+7, K+7) over [lens columns, step of camera_from_rect, residual].
+    """All Views at a state. gram (V, K+7, K+7) over [lens columns, step of camera_from_rect, residual], or
+    (V, K+8, K+8) where things move: then the line time, as it bends each View about its own row, follows the lens.
 
     cost: sum of the loss, in units of chi-square. squares: for each group (V, P), the squared residual in px^2.
     """
@@ -45,13 +47,15 @@ def linearise(
 
     columns (K,): which lens parameters take part.
     """
-    chained = state.camera_from_rect(observations)
-    gram = np.zeros((len(observations.camera), len(columns) + 7, len(columns) + 7))
+    chained, readout = state.camera_from_rect(observations), state.readout(observations)
+    size = len(columns) + 7 + (readout is not None)
+    gram = np.zeros((len(observations.camera), size, size))
     cost, squares = 0.0, []
     for group in observations.groups:
         seen = []
         for part in group.parts(_AT_ONCE):
-            gram[part.view], square, own = _gram(part, state, chained, columns, noise, robust)
+            rows = view_rows(part, state.lens[part.camera], chained[part.view], columns, readout)
+            gram[part.view], square, own = _gram(part, *rows, noise, robust)
             seen.append(square)
             cost += own
         squares.append(seen[0] if len(seen) == 1 else np.concatenate(seen))
@@ -59,10 +63,9 @@ def linearise(
 
 
 def _gram(
-    group: ObservationGroup, state: State, chained: Pose, columns: Ints, noise: float, robust: bool
+    group: ObservationGroup, rows: Floats, square: Floats, noise: float, robust: bool
 ) -> tuple[Floats, Floats, float]:
-    """Gram matrices (V, K+7, K+7), squared residuals (V, P) px^2 and cost of some Views."""
-    rows, square = view_rows(group, state.lens[group.camera], chained[group.view], columns)
+    """Gram matrices (V, K+7, K+7), squared residuals (V, P) px^2 and cost of some Views, of their view_rows."""
     weights, cost = weighed(group, square, noise, robust)
     if not np.isfinite(square.sum()):
         rows[~np.isfinite(rows)] = 0.0
@@ -76,14 +79,21 @@ def _gram(
 
 def residual_squares(observations: Observations, state: State) -> tuple[Floats, ...]:
     """For each group (V, P) the squared residual in px^2, as `linearise` has it."""
-    chained, squares = state.camera_from_rect(observations), []
+    return tuple((left_over**2).sum(axis=-1) for left_over in residuals(observations, state))
+
+
+def residuals(observations: Observations, state: State) -> tuple[Floats, ...]:
+    """For each group (V, P, 2) px, seen less predicted; not finite where a point is behind its camera."""
+    chained, readout, result = state.camera_from_rect(observations), state.readout(observations), []
     for group in observations.groups:
         pose = chained[group.view]
-        located = group.points @ np.swapaxes(pose.rotation, -1, -2) + pose.translation[:, None]
+        turned = group.points @ np.swapaxes(pose.rotation, -1, -2)
+        if readout is not None:
+            turned = readout.part(group.view).moved(turned, group.pixels)
         with np.errstate(invalid="ignore"):
-            seen = project(state.lens[group.camera][:, None], located, group.model)
-        squares.append(((group.pixels - seen) ** 2).sum(axis=-1))
-    return tuple(squares)
+            seen = project(state.lens[group.camera][:, None], turned + pose.translation[:, None], group.model)
+        result.append(group.pixels - seen)
+    return tuple(result)
 
 
 def weighed(group: ObservationGroup, square: Floats, noise: float, robust: bool) -> tuple[Floats, float]:
@@ -104,15 +114,23 @@ def weighed(group: ObservationGroup, square: Floats, noise: float, robust: bool)
 
 
 def view_rows(
-    group: ObservationGroup, lens: Floats, camera_from_rect: Pose, columns: Ints, more: int = 0
+    group: ObservationGroup,
+    lens: Floats,
+    camera_from_rect: Pose,
+    columns: Ints,
+    readout: Readout | None = None,
+    more: int = 0,
 ) -> tuple[Floats, Floats]:
     """Rows (K + 7 + more, V, 2, P) of derivatives by lens (V, 9) and step of camera_from_rect (V,), of the residual,
     and of zeros for others to fill; and squared residuals (V, P) px^2. Unweighted; not finite where a point is behind
-    its camera."""
+    its camera. readout: of all Views; then the line time follows the lens (K + 8)."""
     count, size = group.weights.shape
     turned = (camera_from_rect.rotation @ np.swapaxes(group.points, -1, -2)).transpose(1, 0, 2).copy()
+    own = None if readout is None else readout.part(group.view)
+    if own is not None:
+        turned = np.moveaxis(own.moved(np.moveaxis(turned, 0, -1), group.pixels), -1, 0).copy()
     located = turned + camera_from_rect.translation.T[:, :, None]
-    wanted = len(columns)
+    wanted = len(columns) + (own is not None)
     rows = np.zeros((wanted + 7 + more, count, 2, size))
     by_lens: list[Floats | None] = [None] * lens.shape[1]
     for place, column in enumerate(columns):
@@ -126,6 +144,9 @@ def view_rows(
             across = turned[a] * by_point[b, side]
             across -= turned[b] * by_point[a, side]
             rows[wanted + axis, :, side] = across
+    if own is not None:
+        by_time = np.einsum("kvsp,vk->vsp", rows[wanted : wanted + 6], own.rate)
+        rows[len(columns)] = by_time * own.rows_below(group.pixels)[:, None]
     residual = rows[wanted + 6].swapaxes(0, 1)
     square = np.zeros((count, size))
     for side in range(2):
@@ -141,8 +162,8 @@ class Normal:
     M) of a camera and a rectangle's pose on its body, which Views share.
 
     A unit is a camera, or the pose of a rectangle on its body that is to be found. M = K + 6: the lens columns, then
-    the camera's twist in the rig frame; one more, the offset, where clocks are estimated. Of a rectangle's pose only
-    its twist in the body's frame is an unknown. Gradients point down the cost.
+    the camera's twist in the rig frame; two more, offset and line time, where clocks are estimated. Of a rectangle's
+    pose only its twist in the body's frame is an unknown. Gradients point down the cost.
     """
 
     units: Floats
@@ -155,20 +176,23 @@ class Normal:
 
 def normal_equations(observations: Observations, tables: Tables, state: State, gram: Floats) -> Normal:
     """Spread the Gram matrices over the poses of cameras, bodies and rectangles on them by the chain of Eq. 50."""
-    lens = gram.shape[-1] - 7
     chain = chain_derivatives(observations, state)
+    # Line times are both in the Views themselves and in when they were taken.
+    lines = chain.by_camera.shape[-1] // 8
+    lens = gram.shape[-1] - 7 - lines
     size = lens + chain.by_camera.shape[-1]
     # By the camera's unknowns and the residual; a node's twist moves the View as its camera's does.
-    by_unknown = np.zeros((len(gram), lens + 7, size + 1))
+    by_unknown = np.zeros((len(gram), lens + lines + 7, size + 1))
     by_unknown[:, range(lens), range(lens)] = 1.0
-    by_unknown[:, lens : lens + 6, lens:size] = chain.by_camera
+    by_unknown[:, lens : lens + lines, size - 1] = 1.0
+    by_unknown[:, lens + lines : -1, lens:size] = chain.by_camera
     by_unknown[:, -1, -1] = 1.0
     spread = np.swapaxes(by_unknown, -1, -2) @ gram @ by_unknown
     node = [*range(lens, lens + 6), size]
     nodes = tables.view_by_node(spread[:, lens : lens + 6, node])
     of_units, of_pairs, ties = spread[:, :size], spread[:, :size, lens : lens + 6], np.zeros((0, size, size))
     if len(tables.loose):
-        rows = _layout_rows(gram, by_unknown, chain.by_layout, tables)
+        rows = _layout_rows(gram, by_unknown, chain.by_layout, tables, slice(lens, lens + 6))
         of_units, of_pairs = np.concatenate([of_units, rows[0]]), np.concatenate([of_pairs, rows[1]])
         ties = tables.loose_by_tie(rows[2])
     units, pairs = tables.row_by_unit(of_units), tables.row_by_pair(of_pairs)
@@ -176,16 +200,16 @@ def normal_equations(observations: Observations, tables: Tables, state: State, g
 
 
 def _layout_rows(
-    gram: Floats, by_unknown: Floats, by_layout: Floats, tables: Tables
+    gram: Floats, by_unknown: Floats, by_layout: Floats, tables: Tables, twist: slice
 ) -> tuple[Floats, Floats, Floats]:
     """The part of a rectangle's pose on its body, for the Views (W,) where that is to be found: with itself and the
-    residual (W, M, M + 1), with the node (W, M, 6), and of the camera with it (W, M, M)."""
-    lens, size = gram.shape[-1] - 7, by_unknown.shape[-1] - 1
-    twist, by_layout = slice(lens, lens + 6), by_layout[tables.loose]
-    pulled = np.swapaxes(by_layout, -1, -2) @ gram[tables.loose, twist]
+    residual (W, M, M + 1), with the node (W, M, 6), and of the camera with it (W, M, M). twist: where a unit has
+    it."""
+    size, by_layout = by_unknown.shape[-1] - 1, by_layout[tables.loose]
+    pulled = np.swapaxes(by_layout, -1, -2) @ gram[tables.loose, -7:-1]
     with_camera = pulled @ by_unknown[tables.loose]
     own, nodes = np.zeros((len(pulled), size, size + 1)), np.zeros((len(pulled), size, 6))
     ties = np.zeros((len(pulled), size, size))
-    own[:, twist, twist], own[:, twist, -1] = pulled[:, :, twist] @ by_layout, pulled[:, :, -1]
+    own[:, twist, twist], own[:, twist, -1] = pulled[:, :, -7:-1] @ by_layout, pulled[:, :, -1]
     nodes[:, twist], ties[:, :, twist] = with_camera[:, :, twist], np.swapaxes(with_camera[:, :, :size], -1, -2)
     return own, nodes, ties

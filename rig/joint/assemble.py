@@ -4,7 +4,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from quadrig.rig.adjustment.normal_equations import residual_squares
+from quadrig.rig.adjustment.motion import CLOCK_INFORMATION
+from quadrig.rig.adjustment.normal_equations import residual_squares, residuals
 from quadrig.rig.adjustment.state import LENS
 from quadrig.rig.adjustment.twist_jacobians import step_by_camera_twist
 from quadrig.rig.blas_threads import one_thread
@@ -28,14 +29,17 @@ from quadrig.single.arrays import Floats, Ints, Mask
 from quadrig.single.lens import LENS_PARAMETERS, project
 from quadrig.single.lens_prior import CLASS_NAMES
 
+# A line time is known where Views say three times as much of it as the prior does, s a row.
+_KNOWN_LINE = 0.5 / np.sqrt(CLOCK_INFORMATION[1])
 # Sigma of a focal, as a share of it, beyond which the Views do not determine it.
 _UNKNOWN_FOCAL = 0.2
 
 
-def cameras_of(problem: Problem, joint: Joint, lenses: DeliveredLenses) -> tuple[Camera, ...]:
-    """The cameras, with lens and pose but without the figures that need the Views' fits."""
+def cameras_of(problem: Problem, joint: Joint, lenses: DeliveredLenses, covariance: Floats) -> tuple[Camera, ...]:
+    """The cameras, with lens and pose but without the figures that need the Views' fits. covariance (E M, E M): of
+    the units."""
     rig_from_camera = joint.adjustment.state.camera_from_rig.inverse()
-    offsets = _clock_offsets(joint)
+    offsets, lines = _clock_offsets(joint), _line_times(problem, joint, covariance)
     cameras = []
     for row, given in enumerate(problem.cameras):
         lens = lenses.lens[row]
@@ -48,6 +52,8 @@ def cameras_of(problem: Problem, joint: Joint, lenses: DeliveredLenses) -> tuple
                 free,
                 _lens_reason(given, joint.priors.kinds[row]),
                 clock_offset=float(offsets[row]),
+                line_time=float(lines[row, 0]),
+                line_time_sigma=float(lines[row, 1]),
                 remainder=float(lenses.remainder[row]),
             )
         )
@@ -69,10 +75,23 @@ def _lens_reason(given: CameraInput, kinds: Floats) -> str:
 def _clock_offsets(joint: Joint) -> Floats:
     """Offsets (C,) s about their mean, zero for cameras whose clock is not observable."""
     state = joint.adjustment.state
-    if state.motion is None or state.offsets is None:
+    if state.motion is None or state.clocks is None:
         return np.zeros(len(state.lens))
-    known = state.motion.observable
-    return np.where(known, state.offsets - state.offsets[known].mean(), 0.0) if known.any() else np.zeros(len(known))
+    known, offsets = state.motion.observable, state.clocks[:, 0]
+    return np.where(known, offsets - offsets[known].mean(), 0.0) if known.any() else np.zeros(len(known))
+
+
+def _line_times(problem: Problem, joint: Joint, covariance: Floats) -> Floats:
+    """Line times and their sigmas (C, 2), s a row: those given, exact, and those that the Views say more of than was
+    known beforehand; nan for others. covariance (E M, E M): of the units."""
+    state, size = joint.adjustment.state, joint.reduced.free.shape[1]
+    given = np.array([np.nan if camera.line_time is None else camera.line_time for camera in problem.cameras])
+    lines = np.stack([given, np.where(np.isfinite(given), 0.0, np.nan)], axis=1)
+    if state.motion is not None and state.clocks is not None:
+        sigma = np.sqrt(np.diagonal(covariance)[size - 1 :: size][: len(lines)])
+        known = state.motion.free[:, 1] & (sigma < _KNOWN_LINE)
+        lines[known] = np.stack([state.clocks[:, 1], sigma], axis=1)[known]
+    return lines
 
 
 def camera_covariance(joint: Joint, reduced: Floats) -> Floats:
@@ -94,20 +113,15 @@ def camera_covariance(joint: Joint, reduced: Floats) -> Floats:
 
 def fits_of(problem: Problem, joint: Joint, reading: Ints) -> tuple[ViewFit, ...]:
     """Residuals of every View, and why those that were rejected were."""
-    state, observations = joint.predicted, joint.observations
+    observations = joint.observations
     used: list[Mask] = [np.zeros(0, bool)] * len(problem.views)
-    residuals: list[Floats] = [np.zeros((0, 2))] * len(problem.views)
-    chained = state.camera_from_rect(observations)
-    for group in observations.groups:
-        pose = chained[group.view]
-        located = group.points @ np.swapaxes(pose.rotation, -1, -2) + pose.translation[:, None]
-        with np.errstate(invalid="ignore"):
-            difference = group.pixels - project(state.lens[group.camera][:, None], located, group.model)
+    own: list[Floats] = [np.zeros((0, 2))] * len(problem.views)
+    for group, left_over in zip(observations.groups, residuals(observations, joint.predicted), strict=True):
         for row, view in enumerate(group.view):
             count = len(problem.views[view].pixels)
-            residuals[view], used[view] = difference[row, :count], group.weights[row, :count] > 0
+            own[view], used[view] = left_over[row, :count], group.weights[row, :count] > 0
     return tuple(
-        ViewFit(view, residuals[i], used[i], int(reading[i]), _why(problem, i, residuals[i], joint))
+        ViewFit(view, own[i], used[i], int(reading[i]), _why(problem, i, own[i], joint))
         for i, view in enumerate(problem.views)
     )
 
@@ -211,7 +225,8 @@ def assemble_rig(
     student = student_widening(joint.freedom)
     covariance = student * (covariance + camera_covariance(joint, widened - joint.covariance))
     widening = student * float(without.widening.mean())
-    cameras = with_figures(cameras_of(problem, joint, lenses), fit, held_out, covariance)
+    cameras = cameras_of(problem, joint, lenses, student * widened)
+    cameras = with_figures(cameras, fit, held_out, covariance)
     cameras, contradicted = with_evidence(problem, joint, cameras, covariance)
     placed = placed_poses(problem, joint, widening, student * widened)
     rectangles = rectangles_of(problem, joint, placed)

@@ -8,7 +8,7 @@ import numpy as np
 from quadrig.rig.joint.open_positions import judged
 from quadrig.rig.joint.stages import Contradicted, Joint, solve_jointly
 from quadrig.rig.problem.build import Problem, rebuilt
-from quadrig.rig.start.clock_offsets import RegroupedViews, path_offsets, regroup
+from quadrig.rig.start.clock_offsets import RegroupedViews, path_clocks, regroup
 from quadrig.rig.start.lens_models import with_lens_models
 from quadrig.rig.start.lenses_and_poses import FirstCameras, first_cameras
 from quadrig.rig.start.pose_graph import FirstRig, first_rig, loose_rectangles
@@ -37,8 +37,8 @@ def solve_with_clocks(problem: Problem, reference: str) -> Solved | Contradicted
     rounds: list[Solved] = []
     for _ in range(_ROUNDS_OF_CLOCKS):
         problem, alone = with_lens_models(problem, first_cameras(problem))
-        offsets = None if regrouped is None else regrouped.offsets
-        problem, first, joint = _one_round(problem, alone, reference, offsets)
+        clocks = _given_clocks(problem) if regrouped is None else regrouped.clocks
+        problem, first, joint = _one_round(problem, alone, reference, clocks)
         if isinstance(joint, Contradicted):
             if rounds:
                 break
@@ -47,23 +47,23 @@ def solve_with_clocks(problem: Problem, reference: str) -> Solved | Contradicted
             found = None
         else:
             rounds.append(Solved(problem, joint, first))
-            found = joint.adjustment.state.offsets
-            if _settled(offsets, found, joint.noise, alone.noise):
+            found = joint.adjustment.state.clocks
+            if _settled(clocks, found, joint.noise, alone.noise):
                 break
-        found = path_offsets(problem, _positions(alone)) if found is None else found
+        found = path_clocks(problem, _positions(alone)) if found is None else found
         again: RegroupedViews | None = regroup(given, found, alone.noise) or regrouped
         if again is None:
             if isinstance(joint, Contradicted):
                 return joint
             break
-        regrouped = replace(again, offsets=found)
+        regrouped = replace(again, clocks=found)
         problem = rebuilt(problem, views=regrouped.views)
     # The better Views are grouped, the less noise is left, and no slack.
     return min(rounds, key=lambda one: (one.joint.adjustment.state.slack is not None, one.joint.noise))
 
 
 def _one_round(
-    problem: Problem, alone: FirstCameras, reference: str, offsets: Floats | None
+    problem: Problem, alone: FirstCameras, reference: str, clocks: Floats | None
 ) -> tuple[Problem, FirstRig, Joint | Contradicted]:
     first = _first(problem, alone, reference)
     loose = loose_rectangles(problem, first.together)
@@ -75,7 +75,7 @@ def _one_round(
     if not first.connected.all():
         names = [camera.name for camera, tied in zip(problem.cameras, first.connected, strict=True) if not tied]
         return problem, first, Contradicted(tuple(names))
-    joint = _joint(problem, alone, first, reference, offsets)
+    joint = _joint(problem, alone, first, reference, clocks)
     if isinstance(joint, Joint) and first.weak:
         # First lenses tilt what they see: what the motion says of positions is known once all are solved together.
         weak = judged(problem, joint, first.weak)
@@ -83,7 +83,7 @@ def _one_round(
         if level == {one.body for one in first.weak if not one.is_known}:
             return problem, replace(first, weak=weak), joint
         first = _first(problem, alone, reference, level)
-        joint = _joint(problem, alone, first, reference, offsets)
+        joint = _joint(problem, alone, first, reference, clocks)
     return problem, first, joint
 
 
@@ -95,11 +95,17 @@ def _first(problem: Problem, alone: FirstCameras, reference: str, level: Contain
 
 
 def _joint(
-    problem: Problem, alone: FirstCameras, first: FirstRig, reference: str, offsets: Floats | None
+    problem: Problem, alone: FirstCameras, first: FirstRig, reference: str, clocks: Floats | None
 ) -> Joint | Contradicted:
     anchor, node = _anchor(problem, reference)
     standing = np.arange(len(problem.cameras)) == (anchor if node is None else -1)
-    return solve_jointly(problem, alone, first, standing, fixed_node=node, offsets=offsets)
+    return solve_jointly(problem, alone, first, standing, fixed_node=node, clocks=clocks)
+
+
+def _given_clocks(problem: Problem) -> Floats | None:
+    """The clocks (C, 2) before anything is solved; None where pictures are taken to be of one instant."""
+    clocks = problem.first_clocks
+    return clocks if clocks.any() else None
 
 
 def _settled(before: Floats | None, after: Floats | None, noise: float, alone: float) -> bool:
@@ -107,7 +113,7 @@ def _settled(before: Floats | None, after: Floats | None, noise: float, alone: f
     camera by itself."""
     if before is None or after is None:
         return before is None and after is None and noise < _AGREE * alone
-    return float(np.ptp(after - before)) < _SAME_CLOCK
+    return float(np.ptp((after - before)[:, 0])) < _SAME_CLOCK
 
 
 def _positions(alone: FirstCameras) -> Floats:

@@ -84,7 +84,8 @@ def cross_validate(problem: Problem, joint: Joint) -> CrossValidation:
 
 
 def _squares(joint: Joint, step: Floats, errors: Floats) -> Floats:
-    """Sum of the weighted squared residuals (V,) after steps (V, K + 6) and of the errors (V, U), to first order."""
+    """Sum of the weighted squared residuals (V,) after steps (V, K + 6) and of the errors (V, U), to first order;
+    the line time follows the lens, where things move."""
     squares, columns = np.zeros(len(step)), joint.adjustment.columns
     for one in error_rows(joint.errors, joint.observations, joint.predicted, columns):
         part, rows, moves = one.part, one.rows, one.moves

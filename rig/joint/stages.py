@@ -33,6 +33,7 @@ from quadrig.rig.blas_threads import one_thread
 from quadrig.rig.joint.folds import folds_of
 from quadrig.rig.joint.residual_noise import residual_sum, shown_nodes
 from quadrig.rig.joint.time_errors import (
+    are_clocks_shown,
     fit_time_errors,
     inliers_of,
     is_out_of_step,
@@ -137,15 +138,16 @@ def solve_jointly(
     standing: Mask,
     *,
     fixed_node: int | None = None,
-    offsets: Floats | None = None,
+    clocks: Floats | None = None,
 ) -> Joint | Contradicted:
     """Adjust everything at once. The cameras that are standing (C,) bool keep their poses, and so does fixed_node:
-    one of them at least holds the rig frame. offsets (C,) s: of the clocks, where they are known to differ."""
+    one of them at least holds the rig frame. clocks (C, 2): as State has them, where they are known to differ or
+    shutters to roll."""
     observations = problem.observations(first.reading)
     priors = first_priors(problem, alone.lens[:, 0]).holding_focals(alone.real_tilt)
     free = _free_parameters(problem, observations, priors, standing, fixed_node)
     free = replace(free, positions=_held_positions(first))
-    state = State(alone.lens, first.camera_from_rig, first.rig_from_body, first.body_from_rect, offsets=offsets)
+    state = State(alone.lens, first.camera_from_rig, first.rig_from_body, first.body_from_rect, clocks=clocks)
     robust = _robust_stage(problem, observations, state, alone, first, free)
     if _is_one_given_up(observations, robust.inliers):
         # A camera whose first lens or pose is wrong is brought round by all of its Views under a wider loss, where
@@ -169,9 +171,9 @@ def _robust_stage(
     free: FreeParameters,
     wider: tuple[float, ...] = (),
 ) -> _Fit:
-    """Cauchy's loss, and where the cameras are out of step slack and clock offsets; outliers found. wider: widths of
-    the loss to begin with, as multiples of the noise's own."""
-    if state.offsets is not None:
+    """Cauchy's loss, and where the cameras are out of step slack and clocks; outliers found. wider: widths of the
+    loss to begin with, as multiples of the noise's own."""
+    if state.clocks is not None:
         state = with_motion(problem, state)
     tables = tables_of(observations)
     thinned = observations.thinned(ENOUGH_POINTS)
@@ -179,11 +181,13 @@ def _robust_stage(
         found, _ = _robust(problem, thinned, state, width * alone.noise, first, free, tables, most_rounds=1)
         state = found.state
     found, noise = _robust(problem, thinned, state, alone.noise, first, free, tables)
-    if state.offsets is not None:
+    if state.clocks is not None:
         found = replace(found, state=with_motion(problem, found.state))
     squares = residual_squares(observations, found.state)
     inliers = inliers_of(observations, squares, found.state, free, noise)
-    if is_out_of_step(problem, observations, inliers, noise, alone=alone.noise):
+    if is_out_of_step(problem, observations, inliers, noise, alone=alone.noise) or are_clocks_shown(
+        problem, thinned, found, free, noise
+    ):
         noise = alone.noise
         found, free = fit_time_errors(problem, observations, replace(found, state=state), free, noise)
         inliers = inliers_of(observations, found.linearised.squares, found.state, free, noise)

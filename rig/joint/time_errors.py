@@ -1,4 +1,4 @@
-"""Cameras out of step: moving rectangles seen at other instants than the frameset's, by slack and clock offsets."""
+"""Cameras out of step: moving rectangles seen at other instants than the frameset's, by slack and clocks."""
 
 from dataclasses import replace
 
@@ -14,6 +14,8 @@ from quadrig.rig.problem.build import Problem
 from quadrig.rig.problem.observations import Observations
 from quadrig.single.arrays import Floats, Mask
 
+# Fall of chi-square, beyond two for each unknown, that shows clocks to be more than chance; the steps to see it by.
+_EVIDENCE, _CLOCK_STEPS = 30.0, 3
 # A fit that others follow is good enough once a step would lower chi-square by this little: a sigma.
 _ROUGH = 1.0
 # The joint fit may leave this much more than the cameras each by themselves did before the Views of moving rectangles
@@ -39,6 +41,22 @@ def is_out_of_step(
     return noise > _OUT_OF_STEP * alone or bool(_outvoted(problem, observations, inliers, _OUTVOTED).any())
 
 
+def are_clocks_shown(
+    problem: Problem, observations: Observations, found: Adjustment, free: FreeParameters, noise: float
+) -> bool:
+    """Whether what moves is followed much better with stamps, offsets and line times than as of one instant: shutters
+    that roll bend every View alike, and the cameras follow with hardly more noise."""
+    state = found.state
+    if state.motion is not None or not problem.moving.any():
+        return False
+    state = with_motion(problem, state)
+    if state.motion is None:
+        return False
+    least = adjust(observations, found.state, free, noise, robust=True, most_steps=0, tables=found.tables).costs[-1]
+    tried = adjust(observations, state, free, noise, robust=True, most_steps=_CLOCK_STEPS, tables=found.tables)
+    return least - tried.costs[-1] > _EVIDENCE + 2 * int(state.motion.free.sum())
+
+
 def inliers_of(
     observations: Observations, squares: tuple[Floats, ...], state: State, free: FreeParameters, noise: float
 ) -> Inliers:
@@ -52,8 +70,8 @@ def inliers_of(
 def fit_time_errors(
     problem: Problem, observations: Observations, found: Adjustment, free: FreeParameters, noise: float
 ) -> tuple[Adjustment, FreeParameters]:
-    """The fit with slack for the Views of moving rectangles and the offsets of the cameras' clocks, the width of the
-    slack learned; without slack where it is not needed."""
+    """The fit with slack for the Views of moving rectangles and the cameras' clocks, the width of the slack learned;
+    without slack where it is not needed."""
     if not problem.moving.any():
         return found, free
     slack_prior = SlackPrior.wide(problem.moving, _FIRST_SLACK)
@@ -81,11 +99,11 @@ def _learned_prior(observations: Observations, found: Adjustment, slack_prior: S
 
 def with_motion(problem: Problem, state: State) -> State:
     """The state with the motion of rectangles that its poses show, where frames are close enough to show any."""
-    offsets = np.zeros(len(state.lens)) if state.offsets is None else state.offsets
-    moved = motion(problem, state.rig_from_body, offsets)
+    clocks = problem.first_clocks if state.clocks is None else state.clocks
+    moved = motion(problem, state.rig_from_body, clocks)
     if moved is None:
         return state
-    return replace(state, motion=moved, offsets=offsets)
+    return replace(state, motion=moved, clocks=clocks)
 
 
 def without_slack(used: Observations, state: State, free: FreeParameters, noise: float) -> State:
@@ -97,7 +115,7 @@ def without_slack(used: Observations, state: State, free: FreeParameters, noise:
     firm = replace(state, slack=None)
     if state.motion is None:
         return adjust(used, firm, fixed, noise).state
-    held = replace(firm, motion=replace(state.motion, free=still))
+    held = replace(firm, motion=replace(state.motion, free=np.zeros_like(state.motion.free)))
     return replace(adjust(used, held, fixed, noise).state, motion=state.motion)
 
 

@@ -54,9 +54,8 @@ def _moments(joint: Joint, chosen: Mask) -> tuple[Floats, Floats, Floats]:
     """Of each View by how much chi-square would fall if it were free to turn (V, 0) or to shift (V, 1): what is seen,
     what noise is expected to make it, and by how much more it is for each unit of either variance (V, 2, 2)."""
     adjustment, observations = joint.adjustment, joint.observations
-    lens = len(adjustment.columns)
     gram = adjustment.linearised.gram[chosen]
-    own, gradient = gram[:, lens : lens + 6, lens : lens + 6], gram[:, lens : lens + 6, -1]
+    own, gradient = gram[:, -7:-1, -7:-1], gram[:, -7:-1, -1]
     by_node = chain_derivatives(observations, adjustment.state).by_node
     inverse = node_inverses(adjustment.normal)[observations.node[chosen]]
     moved = by_node[chosen] @ inverse @ np.swapaxes(by_node[chosen], 1, 2)

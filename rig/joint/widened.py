@@ -1,6 +1,5 @@
 """The covariance of the cameras where the noise of each camera's pictures, and of each View, is its own."""
 
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -41,9 +40,9 @@ def gradient_covariance(
     view_errors: Floats,
 ) -> "Floats | scipy.sparse.csr_array":
     """Covariance (E M, E M) of the reduced gradient at the end of an adjustment, for such noise and errors."""
-    tables, columns = found.tables, len(found.columns)
+    tables = found.tables
     gram = found.linearised.gram if found.eliminated is None else found.eliminated.gram
-    step = gram[:, columns : columns + 6]
+    step = gram[:, -7:-1]
     spread = gram * widening[observations.camera][:, None, None]
     spread = spread + np.swapaxes(step, 1, 2) @ (view_errors[:, :, None] * step)
     noisy = normal_equations(observations, tables, found.state, spread)
@@ -52,7 +51,7 @@ def gradient_covariance(
     back = np.swapaxes(through[right], -1, -2)
     met = through[left] @ (noisy.nodes[tables.pair_node[left]] @ back - np.swapaxes(noisy.pairs[right], -1, -2))
     blocks = tables.meeting_by_block(met - noisy.pairs[left] @ back)
-    own = with_prior(noisy, replace(found.state, offsets=None), free, found.columns).units
+    own = with_prior(noisy, found.state, free, found.columns).units
     blocks[tables.diagonal] += own[tables.block_left[tables.diagonal]]
     blocks[tables.tie_block] += noisy.ties
     return block_matrix(blocks, tables.block_left, tables.block_right, tables.units)

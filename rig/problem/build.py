@@ -84,6 +84,11 @@ class Problem:
         """The lens model of each camera (C,): what is given, else a pinhole."""
         return [camera.first_lens.model for camera in self.cameras]
 
+    @property
+    def first_clocks(self) -> Floats:
+        """Offset, s, and line time, s a row, of each camera (C, 2): as given, else zero."""
+        return np.array([(0.0, camera.line_time or 0.0) for camera in self.cameras])
+
     def frame_node(self, rectangle: str) -> int | None:
         """The node of the body of a rectangle that stands still: its frame is the rectangle's, or the body's where
         poses on that are given; None if not seen."""

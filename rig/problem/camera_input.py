@@ -12,6 +12,8 @@ from quadrig.single.lens_prior import LensEvidence
 
 LensChoice = Literal["auto", "f", "f k1", "f k1 k2", "f c k1 k2", "full", "fisheye"]
 
+# s a row: a picture of a thousand rows that takes a second is no video's; who writes 20 meant microseconds.
+_SLOWEST_LINE = 1e-3
 # In sizes of the picture: a telescope's focal length, and one as much too short.
 _LONGEST_FOCAL = 1e4
 _LARGEST_ASPECT = 100.0
@@ -27,7 +29,8 @@ class CameraInput:
     LENS_PARAMETERS: how sure they are, which makes them what is known of this lens before its Views, in place of the
     priors of real lenses; parameters of no variance stay as they are. lens_evidence: of the Views that they come from
     (Camera.lens_evidence), which count then as if they were here. lens: which parameters are estimated; "auto"
-    estimates all that the lens model has.
+    estimates all that the lens model has. line_time: s from one row of a picture to the next, 0 where all are taken
+    at once; estimated where None.
     Raises QuadrigError where the image has no size, or what is known is not of the lens that is given.
     """
 
@@ -39,6 +42,7 @@ class CameraInput:
     lens: LensChoice = "auto"
     lens_covariance: Floats | None = None
     lens_evidence: LensEvidence | None = None
+    line_time: float | None = None
 
     @property
     def first_lens(self) -> Intrinsics:
@@ -51,6 +55,11 @@ class CameraInput:
             raise QuadrigError(
                 f"camera {self.name!r}: image size {self.width}x{self.height}; give the size of its pictures"
             )
+        if self.line_time is not None:
+            try:
+                check_line_time(self.line_time)
+            except QuadrigError as error:
+                raise QuadrigError(f"camera {self.name!r}: {error}") from error
         if self.intrinsics is not None and not _is_a_lens(self.intrinsics):
             raise QuadrigError(f"camera {self.name!r}: the lens given is that of no camera; mend its numbers")
         doubts = [known for known in (self.lens_covariance, self.lens_evidence) if known is not None]
@@ -72,6 +81,15 @@ class CameraInput:
         # Rounding leaves eigenvalues of what is perfectly correlated a little below zero.
         if np.linalg.eigvalsh(covariance / np.outer(scale, scale)).min() < -1e-6:
             raise QuadrigError(f"camera {self.name!r}: lens_covariance has negative variances; compute it again")
+
+
+def check_line_time(seconds: float) -> None:
+    """Raises QuadrigError where that is no camera's line time."""
+    if not abs(seconds) <= _SLOWEST_LINE:
+        raise QuadrigError(
+            f"a line time of {seconds:g} s is no camera's; give the time from one row of a picture to the next, such "
+            "as 20us, or 0 where all rows are taken at once"
+        )
 
 
 def _is_a_lens(lens: Intrinsics) -> bool:

@@ -31,33 +31,35 @@ _EVIDENCE = 30.0
 
 @dataclass(frozen=True, eq=False)
 class RegroupedViews:
-    """views: those of moving rectangles in the framesets nearest to them. offsets (C,) s: by how much true times are
-    later than stamps."""
+    """views: those of moving rectangles in the framesets nearest to them. clocks (C, 2): by how much true times are
+    later than stamps, s, and line times, s a row."""
 
     views: tuple[View, ...]
-    offsets: Floats
+    clocks: Floats
 
 
-def regroup(problem: Problem, offsets: Floats, noise: float) -> RegroupedViews | None:
-    """The Views grouped by these offsets (C,) s; None where framesets show one instant, to the noise (px)."""
+def regroup(problem: Problem, clocks: Floats, noise: float) -> RegroupedViews | None:
+    """The Views grouped by the offsets of these clocks (C, 2); None where framesets show one instant, to the noise
+    (px)."""
     times = np.array([view.time for view in problem.views])
     tracks = _tracks(problem)
     if not tracks:
         return None
-    true = times + offsets[problem.camera]
+    true = times + clocks[problem.camera, 0]
     late = true - _instants(problem, true)
     if not np.nanmedian(np.abs(late) * _speeds(problem, tracks, times)) > noise:
         return None
-    return RegroupedViews(_regrouped(problem, np.concatenate(list(tracks.values())), true, times), offsets)
+    return RegroupedViews(_regrouped(problem, np.concatenate(list(tracks.values())), true, times), clocks)
 
 
-def path_offsets(problem: Problem, positions: Floats) -> Floats:
-    """Offsets (C,) s that the paths show: to some ms, worse where lenses are not known yet.
+def path_clocks(problem: Problem, positions: Floats) -> Floats:
+    """Clocks (C, 2) with the offsets that the paths show: to some ms, worse where lenses are not known yet.
 
     positions (V, 3): of each View's rectangle in its camera, m.
     """
-    times = np.array([view.time for view in problem.views])
-    return _offsets(_tracks(problem), times, positions, len(problem.cameras))
+    times, clocks = np.array([view.time for view in problem.views]), problem.first_clocks
+    clocks[:, 0] = _offsets(_tracks(problem), times, positions, len(problem.cameras))
+    return clocks
 
 
 def _instants(problem: Problem, times: Floats) -> Floats:

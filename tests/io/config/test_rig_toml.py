@@ -149,6 +149,33 @@ marking = { kind = "circles", columns = 7, rows = 6, spacing = "3in", diameter =
             parse_config(text.replace('"16cm"', wrong))
 
 
+def test_a_line_time_has_its_unit_or_is_of_seconds() -> None:
+    text = """
+[[rectangle]]
+name = "desk"
+size = "A4"
+marking = { kind = "plain" }
+[[camera]]
+name = "cam0"
+line_time = LINE
+"""
+    for given, seconds in (('"20us"', 2e-5), ('"0.02 ms"', 2e-5), ("2e-5", 2e-5), ("0", 0.0), ('"-15µs"', -1.5e-5)):
+        config = parse_config(text.replace("LINE", given))
+        assert config.cameras[0].line_time == seconds
+        assert parse_config(config_text(config)).cameras[0].line_time == seconds
+        assert config.camera_input("cam0", 640, 480).line_time == config.cameras[0].line_time
+    assert parse_config(text.replace("line_time = LINE", "")).cameras[0].line_time is None
+    wrong = {
+        "20": "20 s is no camera's",
+        '"20"': "no time with its unit",
+        '"20mm"': "no time",
+        "true": "expected a time",
+    }
+    for given, words in (wrong | {"nan": "nan s is no camera's", '"33ms"': "no camera's"}).items():
+        with pytest.raises(QuadrigError, match=f"line 8: line_time in camera 1: .*{words}"):
+            parse_config(text.replace("LINE", given))
+
+
 def test_a_file_that_is_not_there_is_named(tmp_path) -> None:
     with pytest.raises(QuadrigError, match=r"nowhere\.toml"):
         read_config(tmp_path / "nowhere.toml")

@@ -93,6 +93,7 @@ def test_json_keeps_the_contract(rig):
     for camera in rig.cameras:
         held = values["cameras"][camera.name]
         keys = ["width", "height", "model", "camera_matrix", "distortion", "rig_from_camera", "sigma", "rms_px"]
+        keys += ["clock_offset_s", "line_time_s"]
         assert list(held) == keys
         in_camera = homogeneous(np.linalg.inv(held["rig_from_camera"]), POINTS)
         distortion = held["distortion"][:4] if is_fisheye(rig) else held["distortion"]

@@ -1,14 +1,19 @@
 """States of the joint adjustment made from simulated rigs, and its normal equations laid out as one matrix."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from quadrig.rig.adjustment.levenberg_marquardt import FreeParameters
+from quadrig.rig.adjustment.motion import Motion
 from quadrig.rig.adjustment.normal_equations import linearise
 from quadrig.rig.adjustment.state import State
 from quadrig.rig.problem.build import build_problem
 from quadrig.single.pose import Pose
 
 EVERY_LENS = np.arange(9)
+# As clocks differ and shutters roll, s and s a row.
+CLOCK = np.array([0.02, 20e-6])
 
 
 def problem_of(made):
@@ -30,6 +35,18 @@ def shaken(state, rng, size=1e-3):
     cameras, nodes = len(state.lens), len(state.rig_from_body.translation)
     lens = rng.normal(size=(cameras, 9)) * [5, 2, 2, 0.01, 0.005, 1e-3, 1e-3, 0.002, 1e-3]
     return state.moved(lens, size * rng.normal(size=(cameras, 6)), size * rng.normal(size=(nodes, 6)))
+
+
+def with_clocks(observations, state, rng, speed):
+    """The state with rectangles that move between framesets, clocks that differ and shutters that roll."""
+    views, cameras = len(observations.camera), len(state.lens)
+    rate, bend = speed * rng.normal(size=(2, views, 6))
+    row = np.zeros(views)
+    for group in observations.groups:
+        row[group.view] = group.pixels[..., 1].mean(axis=1)
+    every = np.ones((cameras, 2), bool)
+    moves = Motion(rate, bend, 0.01 * rng.normal(size=views), row, np.full(views, 359.5), every[:, 0], every)
+    return replace(state, motion=moves, clocks=CLOCK * rng.normal(size=(cameras, 2)))
 
 
 def full_system(normal, tables):

@@ -75,18 +75,19 @@ def test_a_clock_moves_a_rectangle_with_its_body(box):
     observations, views = problem.observations(), len(problem.views)
     rng = np.random.default_rng(1)
     rate, bend = rng.normal(size=(2, views, 6))
-    whole = np.ones(2, bool)
-    moving = replace(
-        state, motion=Motion(rate, bend, 0.01 * rng.normal(size=views), whole, whole), offsets=np.zeros(2)
-    )
-    by_offset = chain_derivatives(observations, moving).by_camera[:, :, 6]
+    rows, whole = 300 * rng.normal(size=(2, views)), np.ones((2, 2), bool)
+    moves = Motion(rate, bend, 0.01 * rng.normal(size=views), *rows, whole[:, 0], whole)
+    moving = replace(state, motion=moves, clocks=np.zeros((2, 2)))
+    by_clock = chain_derivatives(observations, moving).by_camera[:, :, 6:]
     here = moving.camera_from_rect(observations)
-    after, before = (
-        here.step_to(replace(moving, offsets=np.full(2, side * STEP)).camera_from_rect(observations))
-        for side in (1, -1)
-    )
-    # A rotation during the lag turns the rate, which the derivative leaves out: a hundredth of it here.
-    np.testing.assert_allclose((after - before) / (2 * STEP), by_offset, atol=0.06)
+    for column, size in enumerate((STEP, 1e-2 * STEP)):
+        clocks = size * np.eye(2)[column] * np.ones((2, 1))
+        after, before = (
+            here.step_to(replace(moving, clocks=side * clocks).camera_from_rect(observations)) for side in (1, -1)
+        )
+        # A rotation during the lag turns the rate, which the derivative leaves out: a hundredth of it here.
+        close = 0.06 * np.abs(moves.by_clock[:, column]).max()
+        np.testing.assert_allclose((after - before) / (2 * size), by_clock[:, :, column], atol=close)
 
 
 def test_normal_equations_have_the_cost_s_gradient_and_curvature(box):
