@@ -8,9 +8,11 @@ import numpy as np
 from quadrig.rig.blas_threads import one_thread
 from quadrig.rig.culprits.bodies import apart, loose_rectangle, suspects
 from quadrig.rig.culprits.cameras import Solve, contradicting_camera, why_it_contradicts
+from quadrig.rig.culprits.carried import carried_sentence, may_be_carried, through_a_room
 from quadrig.rig.culprits.lenses import freed, lens_sentences, wrong_lenses
 from quadrig.rig.culprits.pictures import no_pictures, set_aside, size_sentences
 from quadrig.rig.culprits.sheets import measured, resized, wrong_size
+from quadrig.rig.doubt.weaknesses import never_seen
 from quadrig.rig.joint.assemble import assemble_rig, camera_covariance
 from quadrig.rig.joint.clock_rounds import Solved, solve_with_clocks
 from quadrig.rig.joint.stages import Contradicted
@@ -41,8 +43,8 @@ def calibrate(
     reference: the camera, or the rectangle, whose frame is the rig frame (the world's, where the rectangle is
     surveyed); the first camera that can be placed where None. Cameras that share nothing with the largest rig are
     not placed: Rig.missing says why, and Rig.apart has their lenses; so are cameras that the others contradict. Views
-    that cannot be right, and given lenses that the Views rule out, are left out and named in Rig.weak. Raises
-    QuadrigError where nothing was seen, or the Views determine no camera.
+    that cannot be right, and given lenses that the Views rule out, are left out and named in Rig.weak, and so are
+    rectangles that nobody saw. Raises QuadrigError where nothing was seen, or the Views determine no camera.
     """
     whole = build_problem(cameras, rectangles, views, reference)
     sound = set_aside(whole.cameras, whole.views)
@@ -75,7 +77,9 @@ def calibrate(
     placed = [index for index, camera in enumerate(agreeing.cameras) if camera.name in names]
     missing = missing_cameras(agreeing, placed) | lost | unusable
     said = (*map(absurd_sentence, absurd_views(views)), *sound.said)
-    return replace(first, missing=missing, apart=tuple(apart), weak=(*said, *first.weak))
+    return replace(
+        first, missing=missing, apart=tuple(apart), weak=(*said, *first.weak, *never_seen(rectangles, views))
+    )
 
 
 def _in_agreement(whole: Problem, solve: Solve) -> tuple[list[Rig], Problem, dict[str, str]]:
@@ -122,11 +126,18 @@ def _rigs(problem: Problem, order: Sequence[str], reference: str | None) -> list
                 own = [i for i in numbers if (part.cameras[i].name in solved.names) is loose]
                 rigs += _rigs(of_cameras(part, own), order, reference)
             continue
+        solved, carried = _as_carried(solved, frame)
         solved, loose = _with_loose_rectangles(solved, frame)
         solved, sizes = _with_sizes(solved, frame)
         covariance = camera_covariance(solved.joint, solved.joint.covariance)
         rig = assemble_rig(solved.problem, solved.joint, solved.first, covariance, frame, placed)
-        accused = (*loose, *sizes, *lens_sentences(part.cameras, wrong_lenses(solved), rig), *size_sentences(rig))
+        accused = (
+            *carried,
+            *loose,
+            *sizes,
+            *lens_sentences(part.cameras, wrong_lenses(solved), rig),
+            *size_sentences(rig),
+        )
         rigs.append(replace(rig, weak=(*accused, *rig.weak)))
     return rigs
 
@@ -147,6 +158,16 @@ def _groups_in_step(problem: Problem) -> list[list[int]]:
         return groups_in_step(problem, first_cameras(problem).candidates)
     except np.linalg.LinAlgError:
         return [[index] for index in range(len(problem.cameras))]
+
+
+def _as_carried(solved: Solved, frame: str) -> tuple[Solved, list[str]]:
+    """The rig as carried past what was said to stand still, where the Views have it so; and what to say."""
+    # A rectangle that is the rig frame stands still in it.
+    if frame in solved.problem.rectangles or not may_be_carried(solved):
+        return solved, []
+    again = _solved(through_a_room(solved.problem), frame)
+    said = carried_sentence(solved, again) if isinstance(again, Solved) else ""
+    return (again, [said]) if said and isinstance(again, Solved) else (solved, [])
 
 
 def _with_loose_rectangles(solved: Solved, frame: str) -> tuple[Solved, list[str]]:

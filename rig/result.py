@@ -8,7 +8,7 @@ from html import escape
 import numpy as np
 
 from quadrig.rig.sheet_shape import SheetShape
-from quadrig.rig.words import ONE_SIGMA, Column, counted, length, sigma_figure, with_sigma
+from quadrig.rig.words import ONE_SIGMA, Column, counted, length, pixels, sigma_figure, with_sigma
 from quadrig.single.arrays import Floats, Ints, Mask
 from quadrig.single.lens import LENS_PARAMETERS, Intrinsics
 from quadrig.single.lens_prior import LensEvidence
@@ -210,7 +210,7 @@ class Rig:
                 f"Rig in the frame of {self.reference}, working accuracy {length(self.working_accuracy)}",
                 f"  {counted(len(self.cameras), 'camera')}: {_named([camera.name for camera in self.cameras])}",
                 f"  {counted(len(self.rectangles), 'rectangle')}: {_named(placed)}",
-                f"  {framesets}, {len(used)} of {counted(len(self.fits), 'View')}, RMS {self.rms:.3f} px",
+                f"  {framesets}, {len(used)} of {counted(len(self.fits), 'View')}, RMS {pixels(self.rms)}",
             )
         )
 

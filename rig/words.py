@@ -77,9 +77,9 @@ def read_time(text: str) -> float:
     return round(float(match[1]) * _SECONDS[match[2]], 15)
 
 
-def figure(value: float, decimals: int) -> str:
-    """ "0.41"; "unknown" where it is."""
-    return f"{value:.{decimals}f}" if np.isfinite(value) else "unknown"
+def pixels(value: float) -> str:
+    """ "0.412 px"; "not known" where it is not."""
+    return f"{value:.3f} px" if np.isfinite(value) else "not known"
 
 
 def with_sigma(value: float, sigma: float, signed: bool = False) -> str:

@@ -17,8 +17,24 @@ _RIGHT, _TOP, _BOTTOM = 12, 8, 34
 LETTER, _LINE = 5.8, 11.0
 # How far from their point the base line of words stands.
 _ABOVE, _BELOW = 5, 14
+# Where words have no room at their point: in so many directions and at these distances from it, px.
+_WAYS, _AWAY = 16, (0, 8, 16, 26, 38, 52, 70, 92)
+# Words this far from their point are joined to it.
+_APART = 20
+# Marks stand in the way of words at points this far apart, px.
+_SPACING = 4.0
 # A plot lower than this shows no ticks.
 _LOWEST = 120
+
+
+@dataclass(frozen=True, eq=False)
+class _Words:
+    """Words that want to stand at a point of the picture (2,), above or below it."""
+
+    at: Floats
+    words: str
+    colour: str
+    below: bool
 
 
 @dataclass
@@ -41,7 +57,8 @@ class Plot:
     left: int = 48
     parts: list[str] = field(default_factory=list)
     names: list[str] = field(default_factory=list)
-    words: list[tuple[float, float, float]] = field(default_factory=list)
+    wanted: list[_Words] = field(default_factory=list)
+    marks: list[Floats] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         self.x, self.y = _wide(self.x), _wide(self.y)
@@ -64,7 +81,9 @@ class Plot:
     def line(self, points: Floats, colour: str, width: float = 1.5, closed: bool = False, fill: str = "none") -> None:
         """A line through points (N, 2)."""
         shape = "polygon" if closed else "polyline"
-        corners = " ".join(f"{x:.1f},{y:.1f}" for x, y in self.to_picture(points))
+        drawn = self.to_picture(points)
+        self.marks.append(_along(np.concatenate([drawn, drawn[:1]]) if closed else drawn))
+        corners = " ".join(f"{x:.1f},{y:.1f}" for x, y in drawn)
         self.parts.append(
             f'<{shape} points="{corners}" fill="{fill}" stroke="{colour}" stroke-width="{width:.1f}" '
             'stroke-linejoin="round"/>'
@@ -78,6 +97,7 @@ class Plot:
 
     def dots(self, points: Floats, colour: str, radius: float = 3) -> None:
         """Round marks at points (N, 2)."""
+        self.marks.append(self.to_picture(points).reshape(-1, 2))
         self.parts += [
             f'<circle cx="{x:.1f}" cy="{y:.1f}" r="{radius}" fill="{colour}"/>' for x, y in self.to_picture(points)
         ]
@@ -100,15 +120,9 @@ class Plot:
     def text(
         self, point: Sequence[float] | Floats, words: str, colour: str = "currentColor", below: bool = False
     ) -> None:
-        """Words above a point, or below it, before all marks and inside the plot; higher or lower where other words
-        stand already."""
-        x, y = self.to_picture(np.asarray(point, float))
-        half = LETTER * len(words) / 2
-        middle = float(np.clip(x, half, max(self.width - half, half)))
-        base = float(y) + (_BELOW if below else -_ABOVE)
-        base += self._free(middle, half, base)
-        self.words.append((middle, half, base))
-        self._write(middle, base, words, colour, "middle")
+        """Words above a point, or below it: inside the plot, before all marks, and where neither other words nor, as
+        far as there is room, marks are; joined to their point where that is far."""
+        self.wanted.append(_Words(self.to_picture(np.asarray(point, float)), words, colour, below))
 
     def _write(self, x: float, y: float, words: str, colour: str, anchor: str) -> None:
         self.names.append(
@@ -116,19 +130,42 @@ class Plot:
             f"{escape(one_line(words))}</text>"
         )
 
-    def _free(self, middle: float, half: float, base: float) -> float:
-        """The least step up or down from a base line at which words so wide have room."""
-        taken = [v for m, h, v in self.words if abs(middle - m) < half + h]
-        highest, lowest = _TOP + _LINE, self.height - (_BOTTOM if self.axes else 0) - 3
-        for size in range(self.height):
-            for step in (-float(size), float(size)):
-                at = base + step
-                if highest <= at <= lowest and not any(abs(at - v) < _LINE for v in taken):
-                    return step
-        return 0.0
+    def _place_words(self) -> None:
+        marks, taken = np.concatenate([np.zeros((0, 2)), *self.marks]), np.zeros((0, 4))
+        for each in self.wanted:
+            half = LETTER * len(each.words) / 2
+            bases = self._candidates(each, half)
+            boxes = np.column_stack([bases[:, 0] - half, bases[:, 1] - _LINE, bases[:, 0] + half, bases[:, 1] + 2])
+            over = (boxes[:, None, :2] < taken[:, 2:]) & (taken[:, :2] < boxes[:, None, 2:])
+            hidden = (boxes[:, None, :2] < marks) & (marks < boxes[:, None, 2:])
+            away = np.linalg.norm(bases - bases[0], axis=1)
+            # Words over words cannot be read at all; over marks they can, and far away nobody knows whose they are.
+            cost = 1e4 * over.all(-1).sum(1) + 12.0 * hidden.all(-1).sum(1) + away
+            best = int(np.argmin(cost))
+            base = bases[best]
+            taken = np.concatenate([taken, boxes[best : best + 1]])
+            if away[best] > _APART:
+                end = np.clip(each.at, boxes[best, :2], boxes[best, 2:])
+                self.parts.append(
+                    f'<path d="M{each.at[0]:.1f} {each.at[1]:.1f}L{end[0]:.1f} {end[1]:.1f}" '
+                    f'stroke="{each.colour}" stroke-width="0.6" opacity="0.7"/>'
+                )
+            self._write(float(base[0]), float(base[1]), each.words, each.colour, "middle")
+
+    def _candidates(self, each: _Words, half: float) -> Floats:
+        """Middles of base lines (K, 2) where words so wide may stand, inside the plot; the first is the nearest."""
+        first = each.at + np.array([0, _BELOW if each.below else -_ABOVE])
+        angles = np.linspace(0, 2 * np.pi, _WAYS, endpoint=False)
+        # Beside their point words stand further away than above it.
+        ways = np.column_stack([np.sin(angles), np.cos(angles)])
+        bases = np.concatenate([first + away * ways + np.sign(ways) * [half * (away > 0), 0] for away in _AWAY])
+        low = [min(half, self.width / 2), _TOP + _LINE]
+        high = [max(self.width - half, self.width / 2), self.height - (_BOTTOM if self.axes else 0) - 3]
+        return np.clip(bases, low, high)
 
     def svg(self, title: str) -> str:
         """The plot; title: what it shows, for those who cannot see it."""
+        self._place_words()
         inner_width, inner_height = self.width - self.left - _RIGHT, self.height - _TOP - _BOTTOM
         frame = (
             f'<rect x="{self.left}" y="{_TOP}" width="{inner_width}" height="{inner_height}" '
@@ -159,6 +196,13 @@ class Plot:
                 marks.append(f'<path d="M{self.left} {y:.1f}h-4" stroke="currentColor" opacity="0.5"/>')
                 marks.append(f'<text x="{self.left - 7}" y="{y + 3.5:.1f}" text-anchor="end">{value:g}</text>')
         return marks
+
+
+def _along(points: Floats) -> Floats:
+    """Points (M, 2) along a line through points (N, 2) of the picture, close enough for words to meet one."""
+    counts = np.maximum(np.ceil(np.linalg.norm(np.diff(points, axis=0), axis=1) / _SPACING), 1).astype(int)
+    ends = zip(points[:-1], points[1:], counts, strict=True)
+    return np.concatenate([np.zeros((0, 2)), *(np.linspace(a, b, n, endpoint=False) for a, b, n in ends)])
 
 
 def round_values(low: float, high: float, most: int = 6) -> list[float]:

@@ -11,7 +11,7 @@ from quadrig.rig.doubt.lens_accuracy import lens_accuracy
 from quadrig.rig.doubt.verdict import verdict
 from quadrig.rig.doubt.weaknesses import coverage
 from quadrig.rig.result import Camera, Rig, body_columns, body_sentence, camera_columns, lens_columns
-from quadrig.rig.words import ONE_SIGMA, Column, counted, figure, sigma_figure
+from quadrig.rig.words import ONE_SIGMA, Column, counted, pixels, sigma_figure
 from quadrig.single.lens import LENS_PARAMETERS
 
 
@@ -49,11 +49,11 @@ def summary(rig: Rig) -> str:
     """How many of everything, and how well all of it fits."""
     used = [fit for fit in rig.fits if not fit.rejected]
     framesets = len({fit.view.frameset for fit in used})
-    held_out = "" if np.isnan(rig.held_out_rms) else f", on framesets held out of the fit {rig.held_out_rms:.3f} px"
+    held_out = "" if np.isnan(rig.held_out_rms) else f", on framesets held out of the fit {pixels(rig.held_out_rms)}"
     return (
         f"{counted(len(rig.cameras), 'camera')}, {counted(len(rig.rectangles), 'rectangle')}, "
         f"{counted(framesets, 'frameset')}, {len(used)} of {counted(len(rig.fits), 'View')}; "
-        f"RMS {figure(rig.rms, 3)} px{held_out}; rig frame {rig.reference}"
+        f"RMS {pixels(rig.rms)}{held_out}; rig frame {rig.reference}"
     )
 
 

@@ -50,7 +50,11 @@ def joined(
             views += [_later(view, len(times), begin) for view in own]
             times += recording.times
             begin = max([begin, *(view.time + begin for view in own if np.isfinite(view.time))]) + _PAUSE
-    return tuple(every.values()), RecordedViews(recordings[0].name, views, times)
+    # Where it is seen under other names alone nobody misses it.
+    idle = {old for _, old in names} - {view.rectangle for view in views}
+    return tuple(one for one in every.values() if one.name not in idle), RecordedViews(
+        recordings[0].name, views, times
+    )
 
 
 def _later(view: View, framesets: int, seconds: float) -> View:

@@ -9,6 +9,8 @@ from quadrig.single.rotation import cross_matrix
 
 # Fields across and down whose middles stand for the picture: more change the figure by less than its second digit.
 _FIELDS = 8
+# Of the picture's width: a guess from its size alone is hardly worse.
+_NO_LENS = 0.1
 
 
 def lens_accuracy(rig: Rig, name: str) -> float:
@@ -54,8 +56,9 @@ def is_determined(rig: Rig) -> bool:
     is of one camera."""
     if len(rig.cameras) > 1:
         return bool(np.isfinite(rig.working_accuracy)) or poses_alone(rig)
+    camera = next(iter(rig.cameras))
     # A lens that was only given has no sigma.
-    return bool(0 < lens_accuracy(rig, next(iter(rig.cameras)).name) < np.inf)
+    return bool(0 < lens_accuracy(rig, camera.name) < _NO_LENS * camera.intrinsics.width)
 
 
 def accuracy(rig: Rig) -> float:

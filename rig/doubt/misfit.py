@@ -48,8 +48,9 @@ def misfits(rig: Rig) -> tuple[str, ...]:
         )
     rejected = sum(bool(fit.rejected) for fit in rig.fits)
     if rejected > _MOST_REJECTED * len(rig.fits):
+        together = "that all cameras saw them at the same time, " if len(rig.cameras) > 1 else ""
         sentences.append(
             f"most Views were rejected, {rejected} of {len(rig.fits)}: what is left may agree by chance; check names "
-            "and sizes of the rectangles, and that all cameras saw them at the same time"
+            f"and sizes of the rectangles, {together}and that what rig.toml has standing still did, and the camera"
         )
     return tuple(sentences)

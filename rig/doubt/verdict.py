@@ -10,13 +10,12 @@ from quadrig.rig.doubt.disagreement import Disagreement, disagreements
 from quadrig.rig.doubt.lens_accuracy import accuracy_in_words, is_determined
 from quadrig.rig.doubt.misfit import misfits
 from quadrig.rig.doubt.residual_field import residual_field
-from quadrig.rig.result import PlacedRectangle, Rig
+from quadrig.rig.doubt.weaknesses import bent_sheets
+from quadrig.rig.result import Rig
 from quadrig.rig.words import counted, length
 
 Grade = Literal["good", "with care", "not yet"]
 
-# Sigmas from which a sheet is said not to be flat: by chance one in a thousand.
-_BOWED = 3.3
 # Held-out framesets that miss this much more than those of the fit: the rig follows its noise, not the room.
 _OVERFITTED = 3.0
 # Pictures of the world leave this much (px) at best; sheets where no other was seen are foretold no better.
@@ -56,7 +55,7 @@ def weak_points(rig: Rig) -> tuple[str, ...]:
     """All that is weak in a rig, or wrong with it, and what to do, the gravest first: the list that terminal, report
     and viewer show."""
     apart = [sentence for each in rig.apart for sentence in each.weak]
-    contradictions = _contradictions(disagreements(rig))
+    contradictions = _contradictions(disagreements(rig), len(rig.cameras))
     gravest = [*misfits(rig), *(contradictions if _is_broken(rig) else [])]
     said = [*gravest, *rig.missing.values(), *rig.weak, *apart]
     return tuple(dict.fromkeys([*said, *contradictions, *_patterns(rig)]))
@@ -75,7 +74,8 @@ def _grade(rig: Rig, weak: Sequence[str]) -> Grade:
     unseparated = any(not camera.observable_focal for camera in rig.cameras)
     if unseparated or not is_determined(rig) or _overfitted(rig):
         return "not yet"
-    return "with care" if weak else "good"
+    # A bend is reckoned with: that a sheet has one is no reason for care.
+    return "with care" if {*weak} - {*bent_sheets(rig)} else "good"
 
 
 def _headline(rig: Rig, grade: Grade) -> str:
@@ -135,18 +135,7 @@ def _good(rig: Rig) -> list[str]:
             f"Every camera's position is known to {length(rig.position_sigma(worst.name))} or better "
             f"(worst: {worst.name})."
         )
-    sentences += [sentence for placed in rig.rectangles if (sentence := _bowed(placed))]
     return sentences
-
-
-def _bowed(placed: PlacedRectangle) -> str:
-    """That a sheet is not flat, where its Views show it; else an empty string."""
-    if placed.shape is None:
-        return ""
-    height, sigma = placed.shape.off_plane(placed.rectangle)
-    if not height > _BOWED * sigma:
-        return ""
-    return f"{placed.name} is not flat: it spans {1e3 * height:.1f} ± {1e3 * sigma:.1f} mm; this is reckoned with."
 
 
 def _overfitted(rig: Rig) -> bool:
@@ -169,13 +158,14 @@ def out_of_step(rig: Rig) -> float:
     return usual if usual > _LOOSE else 0.0
 
 
-def _contradictions(every: Sequence[Disagreement]) -> list[str]:
+def _contradictions(every: Sequence[Disagreement], cameras: int) -> list[str]:
     usual, limit = _usual(every), contradiction_limit(every)
     sentences = []
     if usual > _LOOSE:
+        together = "the cameras did not take their pictures at one instant, or " if cameras > 1 else ""
         sentences.append(
-            f"half of the Views miss the rig by more than {usual:.1f} of their own sigmas: the cameras did not take "
-            "their pictures at one instant, or a rectangle bends; hold it still for a moment in each place"
+            f"half of the Views miss the rig by more than {usual:.1f} of their own sigmas: {together}a rectangle "
+            "bends or moved too fast; hold it still for a moment in each place"
         )
     wrong = [one for one in every if one.sigmas > limit and not one.rejected]
     if wrong:

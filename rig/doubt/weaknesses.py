@@ -5,8 +5,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from quadrig.rig.result import Camera, Rig, ViewFit
-from quadrig.rig.words import listed
+from quadrig.rig.words import listed, with_sigma
 from quadrig.single.arrays import Floats
+from quadrig.single.rectangle import Rectangle
+from quadrig.single.view import View
 
 # Above this many per cent the focal is what limits distances measured with a camera.
 _VAGUE_FOCAL = 0.02
@@ -23,10 +25,14 @@ _NOTABLE_OFFSET = 0.003
 # The share of a picture (in a grid of 4 x 4) below which the lens is a guess outside of what was covered.
 _LITTLE_COVER = 0.4
 _GRID = 4
-# So many groups of rejected Views are named.
+# Sigmas from which a sheet is said not to be flat: by chance one in a thousand.
+_BOWED = 3.3
+# So many groups of rejected Views, and bent sheets, are named.
 _NAMED = 3
 # So many corners farthest out, most of which stray, are no chance: one of two hundred strays where a lens fits.
 _EDGE = 20
+# So many rectangles that nobody saw are named.
+_MOST_UNSEEN = 8
 # Fifths of a recording that disagree by this much more than noise explains, in variance, are worth a word.
 _DISAGREES = 1.5
 
@@ -42,11 +48,12 @@ def weaknesses(rig: Rig) -> tuple[str, ...]:
             "show more rectangles, in more places"
         )
     if rig.dispersion > _DISAGREES:
+        clocks = "clocks out of step, " if len(rig.cameras) > 1 else ""
         sentences.append(
             f"fifths of the recording disagree {np.sqrt(rig.dispersion):.1f} times as much as noise explains, and "
-            "all sigmas are widened by that: look for clocks out of step, a bent board, a lens that moved"
+            f"all sigmas are widened by that: look for {clocks}a bent board, a lens that moved"
         )
-    return (*sentences, *_covered(rig), *clocks_apart(rig), *_rejected(rig.fits))
+    return (*sentences, *bent_sheets(rig), *_covered(rig), *clocks_apart(rig), *_rejected(rig.fits))
 
 
 def _of_camera(rig: Rig, camera: Camera) -> list[str]:
@@ -89,6 +96,20 @@ def _past_its_lens(rig: Rig, camera: Camera) -> list[str]:
     ]
 
 
+def bent_sheets(rig: Rig) -> list[str]:
+    """Which sheets are not flat, as their Views show, in a sentence; [] where all may be."""
+    bent = []
+    for placed in rig.rectangles:
+        height, sigma = placed.shape.off_plane(placed.rectangle) if placed.shape is not None else (0.0, 0.0)
+        if height > _BOWED * sigma:
+            bent.append((1e3 * height, f"{placed.name!r} spans {with_sigma(1e3 * height, 1e3 * sigma)} mm"))
+    if not bent:
+        return []
+    most = [words for _, words in sorted(bent, reverse=True)]
+    rest = [f"{len(most) - _NAMED} others less"] if len(most) > _NAMED else []
+    return [f"not flat, which is reckoned with: {listed([*most[:_NAMED], *rest])}; stiffer sheets need it less"]
+
+
 def _covered(rig: Rig) -> list[str]:
     cover = coverage(rig)
     little = [c for c in rig.cameras if len(c.free_lens) > 3 and cover[c.name] < _LITTLE_COVER]
@@ -96,6 +117,21 @@ def _covered(rig: Rig) -> list[str]:
         return []
     shares = [f"{100 * cover[c.name]:.0f} % of {c.name}" for c in little]
     return [f"corners covered little of the pictures, {listed(shares)}; a lens is a guess in the rest"]
+
+
+def never_seen(rectangles: Sequence[Rectangle], views: Sequence[View]) -> list[str]:
+    """That rectangles which were described are in no picture, in a sentence; [] where all are."""
+    seen = {view.rectangle for view in views}
+    names = [repr(rectangle.name) for rectangle in rectangles if rectangle.name not in seen]
+    if not names:
+        return []
+    rest = len(names) - _MOST_UNSEEN
+    named = [*names[:_MOST_UNSEEN], *([f"{rest} more"] if rest > 0 else [])]
+    them = "it" if len(names) == 1 else "them"
+    return [
+        f"no camera saw {listed(named)}: show {them}, look whether marking and dictionary are those that were "
+        f"printed, or take {them} out of rig.toml"
+    ]
 
 
 def clock_offsets(rig: Rig) -> tuple[str, dict[str, float]]:

@@ -14,7 +14,7 @@ import pytest
 
 from quadrig.io.commands.main import run
 from quadrig.io.drawing.palette import camera_colours
-from quadrig.io.drawing.svg import Plot, round_values
+from quadrig.io.drawing.svg import LETTER, Plot, round_values
 from quadrig.io.report.page import report_html
 from quadrig.io.rig_file.rig_mcap import RigFile, write_rig
 from quadrig.rig.doubt.verdict import verdict
@@ -127,12 +127,28 @@ def test_points_land_where_their_coordinates_say():
     assert abs(right[0]) == pytest.approx(abs(up[1]), rel=0.05)
 
 
-def test_words_do_not_lie_on_one_another():
+def words_of(svg: str) -> dict[str, tuple[float, float]]:
+    return {
+        str(one.text): (float(one.attrib["x"]), float(one.attrib["y"]))
+        for one in ElementTree.fromstring(svg).iter("text")
+        if one.get("class") == "name"
+    }
+
+
+def test_words_lie_neither_on_one_another_nor_on_what_is_drawn():
     plot = Plot((0, 1), (0, 1))
+    plot.line(np.array([[0.3, 0.4], [0.7, 0.4], [0.7, 0.6], [0.3, 0.6]]), "red", closed=True)
+    plot.line(np.array([[0.3, 0.55], [0.7, 0.55]]), "red")
     for name in ("left", "right", "middle"):
         plot.text((0.5, 0.5), name)
-    heights = sorted(y for _, _, y in plot.words)
-    assert min(np.diff(heights)) > 10
+    places = words_of(plot.svg("words"))
+    for name, (x, y) in places.items():
+        half = LETTER * len(name) / 2
+        for other, (x2, y2) in places.items():
+            beside = abs(x - x2) >= half + LETTER * len(other) / 2 - 1
+            assert other == name or beside or abs(y - y2) > 10
+        drawn = np.concatenate(plot.marks)
+        assert not ((np.abs(drawn[:, 0] - x) < half) & (drawn[:, 1] < y + 1) & (drawn[:, 1] > y - 10)).any()
 
 
 def part(text: str, heading: str) -> str:

@@ -4,7 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from quadrig.rig.doubt.weaknesses import weaknesses
+from quadrig.rig.calibration import calibrate
+from quadrig.rig.doubt.verdict import verdict, weak_points
+from quadrig.rig.doubt.weaknesses import bent_sheets, weaknesses
+from quadrig.rig.sheet_shape import SheetShape
+from quadrig.single.rectangle import Rectangle
 
 
 def left_out(rig, camera, strays):
@@ -38,3 +42,35 @@ def test_corners_that_stray_anywhere_accuse_no_lens(board_rig):
     assert not [one for one in weaknesses(rig) if "does not hold" in one]
     scattered = left_out(rig, "cam1", lambda d: rng.uniform(size=len(d)) < 0.1)
     assert not [one for one in weaknesses(scattered) if "does not hold" in one]
+
+
+def test_rectangles_that_nobody_saw_are_named_in_the_list_that_is_shown(board_rig):
+    made, rig = board_rig
+    wall = [Rectangle(f"wall{number}", 0.2, 0.2) for number in range(2)]
+    more = calibrate(made.inputs, [*made.rectangles, *wall], made.views)
+    (said,) = [sentence for sentence in weak_points(more) if "no camera saw" in sentence]
+    assert said.startswith("no camera saw 'wall0' and 'wall1': show them")
+    assert not [sentence for sentence in weak_points(rig) if "no camera saw" in sentence]
+
+
+def test_of_one_camera_nothing_is_said_that_takes_several(board_rig):
+    _, rig = board_rig
+    alone = replace(rig, cameras=rig.cameras[:1], covariance=rig.covariance[:15, :15], dispersion=9.0)
+    rejected = replace(alone, fits=tuple(replace(fit, rejected="why") for fit in rig.fits))
+    said = [*weaknesses(alone), *weak_points(rejected)]
+    assert [one for one in said if one.startswith("fifths")]
+    assert [one for one in said if one.startswith("most Views were rejected")]
+    assert not [one for one in said if "clocks" in one or "all cameras" in one]
+    assert [one for one in weaknesses(replace(rig, dispersion=9.0)) if "clocks" in one]
+
+
+def test_bent_sheets_are_in_the_list_and_no_reason_for_care(board_rig):
+    _, rig = board_rig
+    flat, bent = (SheetShape(np.full(7, value), 1e-8 * np.eye(7)) for value in (0.0, 0.004))
+    first, *others = rig.rectangles
+    bowed = replace(rig, rectangles=(replace(first, shape=bent), *(replace(one, shape=flat) for one in others)))
+    (said,) = bent_sheets(bowed)
+    assert f"{first.name!r} spans" in said
+    assert said in weaknesses(bowed)
+    assert verdict(replace(rig, weak=(said,))).grade == "with care"
+    assert verdict(replace(bowed, weak=(said,))).grade == verdict(replace(rig, weak=())).grade
