@@ -8,10 +8,11 @@ import sys
 import threading
 import time
 from collections import Counter, deque
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections.abc import Callable, Collection, Generator, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, as_completed, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
+from multiprocessing.process import BaseProcess
 from types import FrameType
 from typing import Generic, TypeVar
 
@@ -22,8 +23,9 @@ from quadrig.single.errors import QuadrigError
 Task = TypeVar("Task")
 Result = TypeVar("Result")
 
-# A worker may be killed by chance (memory, a colleague); a task at which three were is itself the cause.
-MOST_KILLS = 3
+# A worker may be killed by chance (memory, a colleague): of tasks that take a quarter of the time from kill to kill,
+# one in two thousand meets that five times.
+MOST_KILLS = 5
 """So many workers are ended at one task before it is given up."""
 ENDED_TOO_OFTEN = f"a worker process was ended {MOST_KILLS} times at the same task"
 # A worker has one task to go on with when it is done with the one before, however busy the caller is with results.
@@ -87,7 +89,8 @@ def _over_lanes(
                         waiting.extendleft(behind for _, behind in reversed(lane.given))
                         lane.renew()
                         if kills[index] < MOST_KILLS:
-                            waiting.appendleft(index)
+                            # Behind all others, for it may be the task that kills.
+                            waiting.append(index)
                             break
                         if given_up is None:
                             raise QuadrigError(
@@ -160,13 +163,7 @@ def _lanes(
     finally:
         if not finished:
             # Their tasks would run on for seconds, and at exit Python would wait for them.
-            ended = set(multiprocessing.active_children()) - before
-            for process in ended:
-                process.terminate()
-            for process in ended:
-                process.join(_SECONDS_TO_END)
-                # One that waits for a lock that died with another worker takes the request for a failed result.
-                process.kill()
+            end_processes(set(multiprocessing.active_children()) - before)
         for lane in lanes:
             lane.close(finished)
 
@@ -207,6 +204,16 @@ def _begin_worker() -> None:
     signal.signal(signal.SIGTERM, _end)
     leave_with_parent()
     cv2.setNumThreads(1)
+
+
+def end_processes(processes: Collection[BaseProcess]) -> None:
+    """End worker processes, whatever they do."""
+    for process in processes:
+        process.terminate()
+    for process in processes:
+        process.join(_SECONDS_TO_END)
+        # One that waits for a lock that died with another worker takes the request for a failed result.
+        process.kill()
 
 
 def leave_with_parent() -> None:

@@ -87,18 +87,29 @@ def _run(arguments: Sequence[str], wanted: str) -> int:
         _application(wanted)(list(arguments), prog_name="rig")
     except SystemExit as leaving:
         code = leaving.code if isinstance(leaving.code, int) else int(bool(leaving.code))
-        if code == _INTERRUPTED:
-            _say("interrupted; nothing half-written is left behind")
-        return code
+        return _interrupted() if code == _INTERRUPTED else code
     except KeyboardInterrupt:
-        _say("interrupted; nothing half-written is left behind")
-        return _INTERRUPTED
+        return _interrupted()
     except Exception as error:
+        if _is_interrupt(error):
+            return _interrupted()
         if os.environ.get("RIG_TRACEBACK") == "1":
             raise
         _say(_sentence(error, wanted))
         return 1
     return 0
+
+
+def _interrupted() -> int:
+    _say("interrupted; nothing half-written is left behind")
+    return _INTERRUPTED
+
+
+def _is_interrupt(error: BaseException | None) -> bool:
+    """Whether it is what a library made of an interrupt: some that are being loaded call it an ImportError."""
+    while error is not None and not isinstance(error, QuadrigError | KeyboardInterrupt):
+        error = error.__cause__
+    return isinstance(error, KeyboardInterrupt)
 
 
 def _application(wanted: str) -> typer.Typer:

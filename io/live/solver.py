@@ -5,11 +5,12 @@ import os
 import signal
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 
 import numpy as np
 
-from quadrig.io.workers import leave_with_parent
+from quadrig.io.workers import end_processes, leave_with_parent
 from quadrig.rig.adjustment.motion import LONGEST_GAP
 from quadrig.rig.calibration import calibrate
 from quadrig.rig.coach.advice import Advice, Situation, advise
@@ -109,16 +110,13 @@ def _spread(framesets: Mapping[int, float], most: int) -> list[int]:
 
 
 class LiveSolver:
-    """Solves one job at a time in a process of its own."""
+    """Solves one job at a time in a process of its own, which is started again where it was killed."""
 
     def __init__(self) -> None:
-        # A fresh process: capture threads and video decoders do not survive a fork.
-        context = multiprocessing.get_context("spawn")
-        self._pool = ProcessPoolExecutor(1, mp_context=context, initializer=_stand_back)
-        self._running: Future[LiveSolution] | None = None
         # Matrices of some tens of rows gain nothing from more threads, and the search would lose its own.
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-        self._pool.submit(_warm_up)
+        self._running: Future[LiveSolution] | None = None
+        self._start()
 
     @property
     def idle(self) -> bool:
@@ -127,18 +125,36 @@ class LiveSolver:
 
     def begin(self, request: SolveRequest) -> None:
         """Begin a solution; `idle` must be true."""
-        self._running = self._pool.submit(solve, request)
+        try:
+            self._running = self._pool.submit(solve, request)
+        except BrokenProcessPool:
+            self._start()
+            self._running = self._pool.submit(solve, request)
 
     def take(self, wait: bool = False) -> LiveSolution | None:
-        """The solution of the job that was begun, once it is there; where `wait`, when it is there."""
+        """The solution of the job that was begun, once it is there; where `wait`, when it is there.
+
+        None where its process was killed: the next job brings what this one would have.
+        """
         if self._running is None or not (wait or self._running.done()):
             return None
         running, self._running = self._running, None
-        return running.result()
+        try:
+            return running.result()
+        except BrokenProcessPool:
+            return None
 
     def close(self) -> None:
-        """End the process; a job that runs is not waited for."""
+        """End the process, also in the middle of a job: at exit Python would wait for it."""
+        end_processes(self._processes)
         self._pool.shutdown(wait=False, cancel_futures=True)
+
+    def _start(self) -> None:
+        # A fresh process: capture threads and video decoders do not survive a fork.
+        context, before = multiprocessing.get_context("spawn"), set(multiprocessing.active_children())
+        self._pool = ProcessPoolExecutor(1, mp_context=context, initializer=_stand_back)
+        self._pool.submit(_warm_up)
+        self._processes = set(multiprocessing.active_children()) - before
 
 
 def _stand_back() -> None:

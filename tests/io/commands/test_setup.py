@@ -93,7 +93,7 @@ def started(videos: Path, output: Path, *more: str, before: tuple[str, ...] = ()
 
 
 def wait_for_kept(recording: Path, framesets: int) -> None:
-    until = time.monotonic() + 40
+    until = time.monotonic() + 120
     while not recording.exists() or len({v.frameset for v in read_kept_views(recording)[0]}) < framesets:
         assert time.monotonic() < until, "nothing was kept"
         time.sleep(0.1)
