@@ -160,6 +160,8 @@ class Rectangle:
     layout_sigma: how well that is known, rad about and m along each axis; exactly where both are zero.
     back: it is seen from behind too, where the marking appears mirrored (on glass, or printed through).
     scale_sigma: how well its size is known, as a share of it: a printer's scale, or what was measured.
+    sheet: the rectangle that it is the same sheet as, at another time: of the same shape, and in the same place on
+    its body, wherever that stands; itself where empty.
     Raises QuadrigError where a side is not a positive length, back is asked of a marking that looks the same from
     there, scale_sigma is not a small positive share, or a pose is given on no body.
     """
@@ -174,6 +176,7 @@ class Rectangle:
     body: str = ""
     body_from_rect: Pose | None = field(default=None, compare=False)
     layout_sigma: tuple[float, float] = (0.0, 0.0)
+    sheet: str = ""
 
     def __post_init__(self) -> None:
         if self.back and self.marking.tags is None:

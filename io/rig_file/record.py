@@ -80,6 +80,7 @@ class RectangleRecord(msgspec.Struct):
     scale_sigma: float = PRINT_SCALE_SIGMA
     shape: list | None = None
     body: str = ""
+    sheet: str = ""
     body_from_rect: list | None = None
     layout_sigma: tuple[float, float] = (0.0, 0.0)
 
@@ -289,6 +290,7 @@ def _rectangle_record(placed: PlacedRectangle) -> RectangleRecord:
         marking=marking_values(rectangle.marking),
         moving=rectangle.moving,
         body=rectangle.body,
+        sheet=rectangle.sheet,
         body_from_rect=None if on_body is None else numbers(on_body.matrix()),
         layout_sigma=rectangle.layout_sigma,
         rig_from_rect=numbers(placed.rig_from_rect.matrix()),
@@ -313,6 +315,7 @@ def _placed_rectangle(held: RectangleRecord) -> PlacedRectangle:
         WORLD if held.world_from_rect else held.body,
         None if on_body is None else Pose.from_matrix(read_numbers(on_body, 4, 4)),
         held.layout_sigma,
+        held.sheet,
     )
     one_or_many = (len(held.framesets),) if held.moving else ()
     shape, count = None, len(SHAPE_PARAMETERS)

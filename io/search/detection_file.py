@@ -40,7 +40,7 @@ FORMAT = 5
 # Of a recording or video, so many bytes from both ends distinguish it from another of the same size and time.
 _ENDS = 1 << 16
 # Of a rectangle: what no picture of it shows.
-_NOT_SEEN = ("moving", "body", "body_from_rect", "layout_sigma")
+_NOT_SEEN = ("moving", "body", "body_from_rect", "layout_sigma", "sheet")
 # The sources of what makes detections of a picture: reading it, and searching it.
 _DETECTOR = ("single", "io/recording")
 

@@ -30,8 +30,9 @@ def joined(
 ) -> tuple[tuple[Rectangle, ...], RecordedViews]:
     """All recordings as one, and the rectangles in it.
 
-    What stands still is another body in each recording, but for the surveyed world, which stands where it was
-    surveyed; its rectangles keep their names in the recording with most Views of it. Cameras that a recording shows
+    What stands still stands elsewhere in each recording, but for the surveyed world, which stands where it was
+    surveyed: of its rectangles, the same sheets on a body that is the same, each has a name for each recording, its
+    own in the one with most Views of the body. Cameras that a recording shows
     at other times than its stamps say share no instant in it.
     """
     names = _names(recordings, rectangles)
@@ -39,7 +40,7 @@ def joined(
     every = dict(known)
     for (number, old), new in names.items():
         body = known[old].body and f"{known[old].body} ({recordings[number].name}, {number + 1})"
-        every[new] = replace(known[old], name=new, body=body)
+        every[new] = replace(known[old], name=new, body=body, sheet=old)
     views: list[View] = []
     times: list[int] = []
     begin = 0.0

@@ -8,6 +8,7 @@ import numpy as np
 from quadrig.rig.adjustment.systematic_errors import sheet_values
 from quadrig.rig.joint.clock_rounds import Solved
 from quadrig.rig.problem.build import Problem, rebuilt
+from quadrig.rig.problem.layouts import sheets_of
 from quadrig.rig.sheet_shape import SHAPE_PARAMETERS
 from quadrig.rig.start.lenses_and_poses import first_cameras
 from quadrig.rig.words import WRONG_SIZE
@@ -197,10 +198,10 @@ def measured(wrong: WrongSize, solved: Solved) -> WrongSize:
 def resized(problem: Problem, wrong: WrongSize) -> Problem:
     """The problem with that rectangle of the size that its Views show, which is then left open; where its one rival
     may be the wrong one, that one's too."""
-    loose = min(abs(wrong.factor - 1), _OPEN)
+    loose, sheet_of = min(abs(wrong.factor - 1), _OPEN), sheets_of(problem.rectangles)
 
     def of_size(view: View) -> View:
-        if view.rectangle != wrong.name:
+        if sheet_of[view.rectangle] != wrong.name:
             return view
         scaled = tuple(wrong.factor * points for points in view.alternatives)
         return replace(view, points=wrong.factor * view.points, alternatives=scaled)

@@ -8,6 +8,7 @@ import numpy as np
 from quadrig.rig.joint.open_positions import judged
 from quadrig.rig.joint.stages import Contradicted, Joint, solve_jointly
 from quadrig.rig.problem.build import Problem, rebuilt
+from quadrig.rig.problem.layouts import sheets_of
 from quadrig.rig.start.clock_offsets import RegroupedViews, path_clocks, regroup
 from quadrig.rig.start.lens_models import with_lens_models
 from quadrig.rig.start.lenses_and_poses import FirstCameras, first_cameras
@@ -69,7 +70,11 @@ def _one_round(
     loose = loose_rectangles(problem, first.together)
     if loose:
         # What nothing ties to the rest of its body is a body by itself.
-        rectangles = [replace(one, body=loose.get(one.name, one.body)) for one in problem.rectangles.values()]
+        sheet_of = sheets_of(problem.rectangles)
+        rectangles = [
+            replace(one, body=f"{one.body} ({loose[sheet_of[name]]})") if sheet_of[name] in loose else one
+            for name, one in problem.rectangles.items()
+        ]
         problem = rebuilt(problem, views=problem.views, rectangles=rectangles)
         first = _first(problem, alone, reference)
     if not first.connected.all():

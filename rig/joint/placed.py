@@ -8,7 +8,7 @@ from quadrig.rig.adjustment.systematic_errors import sheet_values
 from quadrig.rig.adjustment.twist_jacobians import step_by_inner_twist, step_by_left_twist
 from quadrig.rig.joint.stages import Joint
 from quadrig.rig.problem.build import Problem
-from quadrig.rig.problem.layouts import body_of
+from quadrig.rig.problem.layouts import body_of, sheets_of
 from quadrig.rig.result import PlacedBody, PlacedRectangle
 from quadrig.rig.sheet_shape import SheetShape
 from quadrig.single.arrays import Floats, Ints, Mask
@@ -110,11 +110,13 @@ def node_covariances(joint: Joint) -> Floats:
 def rectangles_of(problem: Problem, joint: Joint, placed: PlacedPoses) -> tuple[PlacedRectangle, ...]:
     """Every rectangle that was placed, where it was seen, or once where it stands still; one whose Views were all
     rejected is not, unless its pose is given on a body that was placed."""
-    names, result = list(problem.rectangles), []
+    names, sheet_of, result = list(problem.rectangles), sheets_of(problem.rectangles), []
     kept = problem.node[~joint.inliers.rejected], problem.rectangle[~joint.inliers.rejected]
     for number, (name, rectangle) in enumerate(problem.rectangles.items()):
-        shape = SheetShape(*sheet_values(joint.bordered.values, joint.bordered.covariance, names, name))
-        nodes = np.unique(kept[0][kept[1] == number])
+        sheet, body = sheet_of[name], body_of(rectangle)
+        shape = SheetShape(*sheet_values(joint.bordered.values, joint.bordered.covariance, names, sheet))
+        nodes = np.unique(kept[0][kept[1] == names.index(sheet)])
+        nodes = nodes[[problem.nodes[node].body == body for node in nodes]]
         if not rectangle.moving and rectangle.body_from_rect is not None:
             nodes = np.array([i for i in _nodes(problem, rectangle.body) if placed.seen[i]], int)
         if not len(nodes):
@@ -135,9 +137,9 @@ def _nodes(problem: Problem, body: str) -> list[int]:
 def bodies_of(problem: Problem, placed: PlacedPoses) -> tuple[PlacedBody, ...]:
     """The bodies of several rectangles, or of given poses, that were placed."""
     members: dict[str, list[int]] = {}
-    seen = set(problem.rectangle.tolist())
-    for number, rectangle in enumerate(problem.rectangles.values()):
-        if rectangle.body and (rectangle.body_from_rect is not None or number in seen):
+    seen, sheet_of = {list(problem.rectangles)[row] for row in problem.rectangle}, sheets_of(problem.rectangles)
+    for number, (name, rectangle) in enumerate(problem.rectangles.items()):
+        if rectangle.body and (rectangle.body_from_rect is not None or sheet_of[name] in seen):
             members.setdefault(body_of(rectangle), []).append(number)
     names, result = list(problem.rectangles), []
     for body, numbers in members.items():

@@ -9,7 +9,7 @@ from math import isinf
 import numpy as np
 
 from quadrig.rig.problem.camera_input import CameraInput
-from quadrig.rig.problem.layouts import Layouts, body_of, check_bodies, layouts_of
+from quadrig.rig.problem.layouts import Layouts, body_of, check_bodies, layouts_of, sheets_of
 from quadrig.rig.problem.observations import Joins, Observations, pack
 from quadrig.single.arrays import Floats, Ints, Mask
 from quadrig.single.errors import QuadrigError
@@ -42,8 +42,9 @@ class Node:
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """What is to be solved. camera, node, rectangle (V,): of each View, by number. layouts: where rectangles stand on
-    their bodies; frame: a rectangle that is to be the frame of its body, if one is."""
+    """What is to be solved. camera, node, rectangle (V,): of each View, by number; of rectangles that are one sheet,
+    that sheet's. layouts: where rectangles stand on their bodies; frame: a rectangle that is to be the frame of its
+    body, if one is."""
 
     cameras: tuple[CameraInput, ...]
     rectangles: dict[str, Rectangle]
@@ -179,7 +180,8 @@ def _problem(
     distinct = sorted(set(keys))
     node_index = {key: index for index, key in enumerate(distinct)}
     camera_index = {c.name: index for index, c in enumerate(cameras)}
-    rectangle_index = {name: index for index, name in enumerate(rectangles)}
+    index_of, sheet_of = {name: index for index, name in enumerate(rectangles)}, sheets_of(rectangles)
+    rectangle_index = {name: index_of[sheet] for name, sheet in sheet_of.items()}
     return Problem(
         cameras,
         rectangles,
@@ -188,7 +190,7 @@ def _problem(
         np.array([camera_index[v.camera] for v in ordered], int),
         np.array([node_index[key] for key in keys], int),
         np.array([rectangle_index[v.rectangle] for v in ordered], int),
-        layouts_of(rectangles, Counter(v.rectangle for v in ordered), frame),
+        layouts_of(rectangles, Counter(sheet_of[v.rectangle] for v in ordered), frame),
         frame,
     )
 

@@ -24,8 +24,9 @@ class Layouts:
     """L poses body_from_rect of rectangles that are not their body's frame, those that are to be found first.
 
     names (L,): of the rectangles; number (R,): the row of each rectangle of the problem, -1 for one that is the frame
-    of its body. found: how many of them are to be found. given: a batch (L,), identity where nothing is given;
-    information (L, 6): how well each is known beforehand, 1/variance of its step.
+    of its body; rectangles that are one sheet share theirs. found: how many of them are to be found. given: a batch
+    (L,), identity where nothing is given; information (L, 6): how well each is known beforehand, 1/variance of its
+    step.
     """
 
     names: tuple[str, ...]
@@ -45,14 +46,19 @@ def body_of(rectangle: Rectangle) -> str:
     return rectangle.body or rectangle.name
 
 
+def sheets_of(rectangles: Mapping[str, Rectangle]) -> dict[str, str]:
+    """The name of the sheet that each rectangle is, by name."""
+    return {name: one.sheet if one.sheet in rectangles else name for name, one in rectangles.items()}
+
+
 def layouts_of(rectangles: Mapping[str, Rectangle], seen: Mapping[str, int], frame: str | None) -> Layouts:
-    """The layouts of rectangles of which so many Views are there, by name. frame: a rectangle that is to be the frame
-    of its body, where no pose on that is given."""
-    frames = _frames(rectangles.values(), seen, frame)
-    known = [r for r in rectangles.values() if r.body_from_rect is not None]
-    open_ones = [
-        r for r in rectangles.values() if r.body_from_rect is None and r.name not in frames and seen.get(r.name)
-    ]
+    """The layouts of rectangles of whose sheets so many Views are there, by name. frame: a rectangle that is to be
+    the frame of its body, where no pose on that is given."""
+    sheet_of = sheets_of(rectangles)
+    sheets = [one for name, one in rectangles.items() if sheet_of[name] == name]
+    frames = _frames(sheets, seen, frame)
+    known = [r for r in sheets if r.body_from_rect is not None]
+    open_ones = [r for r in sheets if r.body_from_rect is None and r.name not in frames and seen.get(r.name)]
     loose = [r for r in known if max(r.layout_sigma) > 0 and seen.get(r.name)]
     firm = [r for r in known if r not in loose]
     ordered = [*open_ones, *loose, *firm]
@@ -63,7 +69,7 @@ def layouts_of(rectangles: Mapping[str, Rectangle], seen: Mapping[str, int], fra
         information[index] = np.repeat(1 / np.maximum(rectangle.layout_sigma, 1e-6) ** 2, 3)
     return Layouts(
         tuple(row),
-        np.array([row.get(name, -1) for name in rectangles], int),
+        np.array([row.get(sheet_of[name], -1) for name in rectangles], int),
         len(open_ones) + len(loose),
         stacked([r.body_from_rect or Pose.identity() for r in ordered]),
         information,

@@ -73,12 +73,8 @@ def _place_nodes(
 
 
 def loose_rectangles(problem: Problem, together: Together) -> dict[str, str]:
-    """The rectangles that were seen, but that nothing ties to the frame of their body, each with a name for the body
-    that it makes with those tied to it."""
+    """The rectangles that were seen, but that nothing ties to the frame of their body, each with the first of those
+    that it makes a body of its own with."""
     tied, names = in_frame(problem, together), list(problem.rectangles)
     root = together.rectangles.group
-    return {
-        names[row]: f"{problem.rectangles[names[row]].body} ({names[root[row]]})"
-        for row in np.unique(problem.rectangle)
-        if not tied[row]
-    }
+    return {names[row]: names[root[row]] for row in np.unique(problem.rectangle) if not tied[row]}
