@@ -27,7 +27,7 @@ from quadrig.single.errors import QuadrigError
 def calibrate(
     recording: Annotated[
         list[Path],
-        typer.Argument(help="MCAP files, videos, folders, or one picture a camera.", metavar="RECORDING..."),
+        typer.Argument(help="MCAP files, videos, folders, or one picture a camera.", metavar="RECORDING"),
     ],
     config: Annotated[Path, typer.Option("--config", "-c", help="What stands in the room.")] = Path("rig.toml"),
     output: Annotated[Path, typer.Option("--output", "-o", help="The rig to write.")] = Path("rig.mcap"),

@@ -26,8 +26,12 @@ MOVED = 3
 
 
 def check(
-    rig: Annotated[Path, typer.Argument(help="The rig as it was: a rig.mcap, or any format that is read.")],
-    recording: Annotated[list[Path], typer.Argument(help="A new recording with rectangles in view.")],
+    rig: Annotated[
+        Path, typer.Argument(help="The rig as it was: a rig.mcap, or any format that is read.", metavar="RIG")
+    ],
+    recording: Annotated[
+        list[Path], typer.Argument(help="A new recording with rectangles in view.", metavar="RECORDING")
+    ],
     false_alarms: Annotated[
         float, typer.Option(min=1e-9, max=0.5, help="Chance of an alarm on a rig that did not move.")
     ] = 0.01,

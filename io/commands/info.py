@@ -17,7 +17,7 @@ from quadrig.single.errors import QuadrigError
 
 
 def info(
-    recording: Annotated[list[Path], typer.Argument(help="MCAP files, videos or folders.", metavar="RECORDING...")],
+    recording: Annotated[list[Path], typer.Argument(help="MCAP files, videos or folders.", metavar="RECORDING")],
     tolerance: Annotated[float | None, typer.Option(help="Most that stamps of one instant differ, seconds.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="For programs.")] = False,
 ) -> None:

@@ -31,7 +31,7 @@ def init(
         typer.Argument(
             help="A recording: MCAP, videos, folders of pictures. Or live cameras: a number, /dev/video0, rtsp://... "
             "Asked for where none is given.",
-            metavar="[NAME=]SOURCE...",
+            metavar="[NAME=]SOURCE",
         ),
     ] = None,
     size: Annotated[

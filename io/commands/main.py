@@ -3,6 +3,7 @@
 import inspect
 import keyword
 import os
+import re
 import signal
 import sys
 from collections.abc import Callable, Mapping, MutableMapping, Sequence
@@ -12,6 +13,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+from typer.core import TyperCommand
 
 from quadrig.io.plain_words import one_line, plain_output, silence_libraries
 from quadrig.io.verbosity import Verbosity, choose_verbosity
@@ -48,6 +50,10 @@ _EXAMPLE = """Calibrate a rig of cameras from rectangles of known size.
 
 Example: rig demo; or, with cameras of your own: rig record --config rig.toml -o room.mcap, then
 rig calibrate room.mcap --config rig.toml -o rig.mcap, then rig inspect rig.mcap"""
+
+# What typer says of a type: "<path>", "<list[str]>", "<int range>", "<a|b>".
+_TYPE = re.compile(r" <(?:list\[)?([^\]>]*?)(?: range)?\]?>(?:\.\.\.)?$")
+_PLACEHOLDERS = {"path": "PATH", "Path": "PATH", "str": "TEXT", "int": "NUMBER", "float": "NUMBER"}
 
 _INTERRUPTED = 130
 # A machine that shuts down, a scheduler, a terminal that is closed: they end a command as Ctrl-C does.
@@ -124,9 +130,31 @@ def _application(wanted: str) -> typer.Typer:
     for name, line in COMMANDS.items():
         function = _with_verbosity(command_function(name)) if name == wanted else _named
         described = inspect.getdoc(function) if name == wanted else line
-        app.command(name, help=described, short_help=line)(function)
-    app.command("help", help="Show how a command is used: rig help calibrate.")(_help)
+        app.command(name, cls=_Command, help=described, short_help=line)(function)
+    app.command("help", cls=_Command, help="Show how a command is used: rig help calibrate.")(_help)
     return app
+
+
+class _Command(TyperCommand):
+    """A command whose help has one kind of placeholder: capitals, as in its examples."""
+
+    def collect_usage_pieces(self, ctx: Any) -> list[str]:
+        """The command's arguments; what may be left out is in brackets."""
+        return [piece.strip("{}").replace("}...", "...") for piece in super().collect_usage_pieces(ctx)]
+
+    def format_options(self, ctx: Any, formatter: Any) -> None:
+        """Arguments by their names alone, options with what follows them."""
+        for title, kind in (("Arguments", "argument"), ("Options", "option")):
+            every = [one.get_help_record(ctx) for one in self.get_params(ctx) if one.param_type_name == kind]
+            records = [(_placed(names, kind == "option"), words) for names, words in filter(None, every)]
+            if records:
+                with formatter.section(title):
+                    formatter.write_dl(records)
+
+
+def _placed(names: str, is_option: bool) -> str:
+    """Names of a parameter with its placeholder instead of the type that typer puts there."""
+    return _TYPE.sub(lambda found: f" {_PLACEHOLDERS.get(found[1], found[1])}" if is_option else "", names)
 
 
 def _command_of(arguments: Sequence[str], environment: Mapping[str, str]) -> str:

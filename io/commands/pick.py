@@ -18,7 +18,7 @@ from quadrig.single.errors import QuadrigError
 def pick(
     recording: Annotated[
         list[Path],
-        typer.Argument(help="MCAP files, videos, folders, or a picture of each camera.", metavar="RECORDING..."),
+        typer.Argument(help="MCAP files, videos, folders, or a picture of each camera.", metavar="RECORDING"),
     ],
     config: Annotated[Path, typer.Option("--config", "-c", help="What stands in the room.")] = Path("rig.toml"),
     port: Annotated[int, typer.Option(min=0, max=65535, help="Of 127.0.0.1; else a free one.")] = 0,

@@ -35,7 +35,7 @@ def record(
         typer.Argument(
             help="Live cameras: a number, /dev/video0, rtsp://..., http://... or watch:FOLDER. Or what was recorded: "
             "videos, folders, bags, or a pattern such as 'camera_{camera}_*.jpg'. Else the sources of rig.toml.",
-            metavar="[NAME=]SOURCE...",
+            metavar="[NAME=]SOURCE",
         ),
     ] = None,
     config: Annotated[Path, typer.Option(help="The rig.toml with the sources, where none is named.")] = Path(

@@ -31,7 +31,7 @@ def setup(
         typer.Argument(
             help="Cameras: a number, /dev/video0, rtsp://..., http://..., a video, a folder of pictures or "
             "watch:FOLDER; NAME=SOURCE gives a name. Those of rig.toml where none is given.",
-            metavar="[NAME=]SOURCE...",
+            metavar="[NAME=]SOURCE",
         ),
     ] = None,
     config: Annotated[Path, typer.Option(help="The rig.toml with the rectangles.")] = Path("rig.toml"),

@@ -74,7 +74,9 @@ def target(
     output: Annotated[Path | None, typer.Option("-o", "--output", help="PDF to write.")] = None,
     size: Annotated[
         str | None,
-        typer.Option(help="Side of a tag or square, or spacing of circles, such as 80mm; as large as fits."),
+        typer.Option(
+            metavar="LENGTH", help="Side of a tag or square, or spacing of circles, such as 80mm; as large as fits."
+        ),
     ] = None,
     columns: Annotated[int | None, typer.Option(min=2, help="Squares, tags or circles along its width.")] = None,
     rows: Annotated[int | None, typer.Option(min=2, help="Squares, tags or circles along its height.")] = None,

@@ -23,6 +23,8 @@ _WAYS, _AWAY = 16, (0, 8, 16, 26, 38, 52, 70, 92)
 _APART = 20
 # Marks stand in the way of words at points this far apart, px.
 _SPACING = 4.0
+# ... and so many of each short line.
+_OF_SEGMENT = 9
 # A plot lower than this shows no ticks.
 _LOWEST = 120
 
@@ -91,7 +93,9 @@ class Plot:
 
     def segments(self, starts: Floats, ends: Floats, colour: str, width: float = 0.8) -> None:
         """Many short lines from starts (N, 2) to ends (N, 2), as one path."""
-        pairs = zip(self.to_picture(starts), self.to_picture(ends), strict=True)
+        first, last = self.to_picture(starts), self.to_picture(ends)
+        self.marks += [first + share * (last - first) for share in np.linspace(0, 1, _OF_SEGMENT)]
+        pairs = zip(first, last, strict=True)
         path = "".join(f"M{a[0]:.1f} {a[1]:.1f}L{b[0]:.1f} {b[1]:.1f}" for a, b in pairs)
         self.parts.append(f'<path d="{path}" stroke="{colour}" stroke-width="{width}" fill="none"/>')
 

@@ -40,7 +40,9 @@ def _schema(asked: bool) -> None:
 
 
 def export(
-    rig: Annotated[Path, typer.Argument(help="The rig to export: a rig.mcap, or any format that is read.")],
+    rig: Annotated[
+        Path, typer.Argument(help="The rig to export: a rig.mcap, or any format that is read.", metavar="RIG")
+    ],
     form: Annotated[str | None, typer.Option("--format", "-f", metavar="FORMAT", help=", ".join(FORMATS))] = None,
     output: Annotated[
         Path | None,

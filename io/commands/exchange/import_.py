@@ -13,9 +13,7 @@ from quadrig.rig.words import counted, read_length
 
 
 def import_(
-    files: Annotated[
-        list[Path], typer.Argument(help="Files of one rig, or a folder of COLMAP's.", metavar="FILE...")
-    ],
+    files: Annotated[list[Path], typer.Argument(help="Files of one rig, or a folder of COLMAP's.", metavar="FILE")],
     output: Annotated[Path, typer.Option("--output", "-o", help="The rig to write.")] = Path("rig.mcap"),
     size: Annotated[str | None, typer.Option(help="The pictures' size where no file says it: 1920x1080.")] = None,
     unit: Annotated[

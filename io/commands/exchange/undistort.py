@@ -30,8 +30,8 @@ _CRF = "16"
 
 
 def undistort(
-    rig: Annotated[Path, typer.Argument(help="The lenses: a rig.mcap, or any format that is read.")],
-    inputs: Annotated[list[Path], typer.Argument(help="Pictures, folders of them, and videos.", metavar="INPUT...")],
+    rig: Annotated[Path, typer.Argument(help="The lenses: a rig.mcap, or any format that is read.", metavar="RIG")],
+    inputs: Annotated[list[Path], typer.Argument(help="Pictures, folders of them, and videos.", metavar="INPUT")],
     output: Annotated[Path, typer.Option("--output", "-o", help="The folder to write to.")] = Path("undistorted"),
     camera: Annotated[
         str | None, typer.Option(help="The camera that took them; else the one they are called after.")

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -98,6 +99,9 @@ def test_every_command_has_help_with_an_example(name: str) -> None:
     assert done.returncode == 0, done.stderr
     assert "xample" in done.stdout
     assert f"rig {name}" in done.stdout
+    # One kind of placeholder: capitals, no types in angle brackets, no braces around what is needed.
+    assert re.search(r"<(path|str|int|float|list)", done.stdout) is None
+    assert "{" not in done.stdout.splitlines()[0]
 
 
 def test_help_of_a_command_is_its_help() -> None:
