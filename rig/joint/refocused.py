@@ -97,7 +97,7 @@ def focal_steps(
 def _without_poses(joint: Joint) -> tuple[Floats, Floats]:
     """Information (V, K, K) of each View on its lens, and its pull (V, K), where its pose is its own."""
     gram, lens = joint.adjustment.linearised.gram, len(joint.adjustment.columns)
-    pose = slice(lens, lens + 6)
+    pose = slice(-7, -1)
     inverse = np.linalg.inv(gram[:, pose, pose] + _LEAST_INFORMATION * np.eye(6))
     left = gram - gram[:, :, pose] @ inverse @ gram[:, pose, :]
     return left[:, :lens, :lens], left[:, :lens, -1]
