@@ -6,22 +6,19 @@ from contextlib import ExitStack, nullcontext
 from dataclasses import replace
 from itertools import combinations
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from quadrig.io.batch.calibrate_one import CalibrateOne
-from quadrig.io.config.rig_toml import read_config
-from quadrig.io.rig_file.rig_mcap import read_rig, refuse_no_rig, write_rig
-from quadrig.io.search.detection_file import detections_beside
-from quadrig.io.search.dry_run import SearchPlan, plan_search, plan_values, plan_words
-from quadrig.io.search.effort import Effort
-from quadrig.io.search.known_lenses import read_known_lenses
-from quadrig.io.search.whole_recording import Searched, calibrate_searched, refuse_missing, search_recording
 from quadrig.io.verbosity import note, say, timed
 from quadrig.io.whole_file import place_held
-from quadrig.rig.result import Rig
 from quadrig.single.errors import QuadrigError
+
+if TYPE_CHECKING:
+    from quadrig.io.batch.calibrate_one import CalibrateOne
+    from quadrig.io.search.dry_run import SearchPlan
+    from quadrig.io.search.whole_recording import Searched
+    from quadrig.rig.result import Rig
 
 
 def calibrate(
@@ -90,6 +87,16 @@ def calibrate(
 
     Many recordings, one rig each: rig calibrate recordings/ --each -o rigs/
     """
+    # What works is loaded when there is work: `--help` is not to wait for it.
+    from quadrig.io.batch.calibrate_one import CalibrateOne
+    from quadrig.io.config.rig_toml import read_config
+    from quadrig.io.rig_file.rig_mcap import read_rig, refuse_no_rig, write_rig
+    from quadrig.io.search.detection_file import detections_beside
+    from quadrig.io.search.dry_run import plan_search
+    from quadrig.io.search.effort import Effort
+    from quadrig.io.search.known_lenses import read_known_lenses
+    from quadrig.io.search.whole_recording import refuse_missing, search_recording
+
     described = read_config(config)
     if bool(only) != (before is not None):
         raise QuadrigError("--only and --from belong together: give the camera that moved and the rig from before")
@@ -141,7 +148,9 @@ def calibrate(
     _show(rig, output, as_json)
 
 
-def _solve(searched: Searched, only: list[str], earlier: Rig | None, cache: Path | None) -> Rig:
+def _solve(searched: "Searched", only: list[str], earlier: "Rig | None", cache: Path | None) -> "Rig":
+    from quadrig.io.search.whole_recording import calibrate_searched
+
     for remark in searched.notes:
         note(remark)
     try:
@@ -153,7 +162,9 @@ def _solve(searched: Searched, only: list[str], earlier: Rig | None, cache: Path
         raise
 
 
-def _show_plan(plan: SearchPlan, as_json: bool) -> None:
+def _show_plan(plan: "SearchPlan", as_json: bool) -> None:
+    from quadrig.io.search.dry_run import plan_values, plan_words
+
     for remark in plan.notes:
         note(remark)
     if as_json:
@@ -164,7 +175,7 @@ def _show_plan(plan: SearchPlan, as_json: bool) -> None:
     print(plan_words(plan))
 
 
-def _solve_again(searched: Searched, only: list[str], earlier: Rig) -> Rig:
+def _solve_again(searched: "Searched", only: list[str], earlier: "Rig") -> "Rig":
     from quadrig.rig.recalibration import recalibrate
 
     rig = recalibrate(earlier, only, searched.cameras, searched.rectangles, searched.views)
@@ -184,7 +195,7 @@ def _list_each(recordings: list[Path], output: Path, again: bool) -> None:
 def _calibrate_each(
     recordings: list[Path],
     output: Path,
-    calibrate_one: CalibrateOne,
+    calibrate_one: "CalibrateOne",
     workers: int | None,
     dask: str | None,
     again: bool,
@@ -211,7 +222,7 @@ def _calibrate_each(
         raise QuadrigError(f"{failed} of {len(jobs)} recordings failed; their lines above say why")
 
 
-def _show(rig: Rig, output: Path, as_json: bool) -> None:
+def _show(rig: "Rig", output: Path, as_json: bool) -> None:
     if as_json:
         from quadrig.io.formats.rig_json import json_text
 
@@ -223,7 +234,7 @@ def _show(rig: Rig, output: Path, as_json: bool) -> None:
     say(f"\n{output}: look at it with `rig inspect {output}`")
 
 
-def result_values(rig: Rig) -> dict[str, object]:
+def result_values(rig: "Rig") -> dict[str, object]:
     """The values of `rig export --format json`, and with them how well all fits, what is weak, who is missing."""
     from quadrig.io.formats.rig_json import rig_values
     from quadrig.rig.doubt.verdict import verdict
@@ -242,7 +253,7 @@ def result_values(rig: Rig) -> dict[str, object]:
     }
 
 
-def _between(rig: Rig, one: str, two: str) -> dict[str, object]:
+def _between(rig: "Rig", one: str, two: str) -> dict[str, object]:
     """How far apart two cameras are, and how sure their relative pose is: sigmas of one direction and one axis."""
     variance = rig.relative_covariance(one, two).diagonal()
     step = rig.camera(one).rig_from_camera.translation - rig.camera(two).rig_from_camera.translation

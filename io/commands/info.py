@@ -6,7 +6,6 @@ from typing import Annotated, Any
 
 import typer
 
-from quadrig.io.formats.rig_json import json_text, rig_values
 from quadrig.io.plain_words import console
 from quadrig.io.recording.camera import RecordedCamera
 from quadrig.io.recording.framesets import CameraReport, Framesets, build_framesets
@@ -38,6 +37,8 @@ def info(
         raise
     framesets = build_framesets(opened, tolerance, quick=True)
     if as_json:
+        from quadrig.io.formats.rig_json import json_text
+
         print(json_text(_as_json(opened, framesets)))
         return
     _print(opened, framesets)
@@ -48,6 +49,8 @@ def _print_rig(path: Path, as_json: bool) -> None:
 
     rig = read_rig(path)
     if as_json:
+        from quadrig.io.formats.rig_json import json_text, rig_values
+
         print(json_text(rig_values(rig)))
         return
     from quadrig.io.report.table import print_rig

@@ -46,28 +46,33 @@ class Verdict:
 
 def verdict(rig: Rig) -> Verdict:
     """What to believe of a rig."""
-    weak = weak_points(rig)
-    grade = _grade(rig, weak)
-    return Verdict(grade, _headline(rig, grade), _holds(rig), tuple(_good(rig)), weak)
+    views = disagreements(rig)
+    weak, broken = _weak_points(rig, views), _is_broken(rig, views)
+    grade = _grade(rig, weak, broken)
+    return Verdict(grade, _headline(rig, grade, broken), _holds(rig), tuple(_good(rig)), weak)
 
 
 def weak_points(rig: Rig) -> tuple[str, ...]:
     """All that is weak in a rig, or wrong with it, and what to do, the gravest first: the list that terminal, report
     and viewer show."""
+    return _weak_points(rig, disagreements(rig))
+
+
+def _weak_points(rig: Rig, views: Sequence[Disagreement]) -> tuple[str, ...]:
     apart = [sentence for each in rig.apart for sentence in each.weak]
-    contradictions = _contradictions(disagreements(rig), len(rig.cameras))
-    gravest = [*misfits(rig), *(contradictions if _is_broken(rig) else [])]
+    contradictions = _contradictions(views, len(rig.cameras))
+    gravest = [*misfits(rig), *(contradictions if _is_broken(rig, views) else [])]
     said = [*gravest, *rig.missing.values(), *rig.weak, *apart]
     return tuple(dict.fromkeys([*said, *contradictions, *_patterns(rig)]))
 
 
-def _is_broken(rig: Rig) -> bool:
+def _is_broken(rig: Rig, views: Sequence[Disagreement]) -> bool:
     """Whether the Views do not fit together at all, so that no sigma of the rig is to be believed."""
-    return bool(misfits(rig)) or out_of_step(rig) > _BROKEN
+    return bool(misfits(rig)) or _usual(views) > _BROKEN
 
 
-def _grade(rig: Rig, weak: Sequence[str]) -> Grade:
-    if _is_broken(rig):
+def _grade(rig: Rig, weak: Sequence[str], broken: bool) -> Grade:
+    if broken:
         return "not yet"
     if not rig.is_doubt_known:
         return "with care"
@@ -78,7 +83,7 @@ def _grade(rig: Rig, weak: Sequence[str]) -> Grade:
     return "with care" if {*weak} - {*bent_sheets(rig)} else "good"
 
 
-def _headline(rig: Rig, grade: Grade) -> str:
+def _headline(rig: Rig, grade: Grade, broken: bool) -> str:
     if not rig.is_doubt_known:
         return "How sure this rig is cannot be said: the file that it comes from does not state it."
     if not is_determined(rig):
@@ -86,7 +91,7 @@ def _headline(rig: Rig, grade: Grade) -> str:
             return "Not to be used yet: nothing that its camera saw determines a lens."
         return "Not to be used yet: no point in the room can be triangulated by two of its cameras."
     accuracy = accuracy_in_words(rig)
-    if _is_broken(rig):
+    if broken:
         return f"Not to be used yet: its Views do not fit together, whatever its own figures promise ({accuracy})."
     if grade == "not yet":
         return f"Not to be used yet, though its own figures promise {accuracy}: see what is weak."
