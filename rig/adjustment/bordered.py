@@ -5,14 +5,22 @@ after the poses of bodies are eliminated: the errors' covariance is S = (D + pri
 C + C B S B' C.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property, reduce
 from itertools import pairwise
-from typing import TYPE_CHECKING
+from operator import add
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
-from quadrig.rig.adjustment.levenberg_marquardt import Adjustment, FreeParameters, at_state, undamped
+from quadrig.rig.adjustment.levenberg_marquardt import (
+    Adjustment,
+    FreeParameters,
+    at_state,
+    lens_covariances,
+    undamped,
+)
 from quadrig.rig.adjustment.normal_equations import Linearised, view_rows, weighed
 from quadrig.rig.adjustment.schur import Reduced, node_steps
 from quadrig.rig.adjustment.slack import eliminate_slack
@@ -26,8 +34,10 @@ from quadrig.single.arrays import Floats, Ints
 if TYPE_CHECKING:
     import scipy.sparse
 
+Matrix: TypeAlias = "Floats | scipy.sparse.csr_array"
+
 # Matrices with fewer elements are quicker dense, most of theirs being zero or not.
-_DENSE = 3_000_000
+_DENSE = 300_000
 # Points whose rows are made at a time: they fit into a processor's second-level cache.
 _AT_ONCE = 8192
 
@@ -36,34 +46,48 @@ _AT_ONCE = 8192
 class Border:
     """What the Views say of the errors, poses of bodies eliminated, for each of F folds of the Views.
 
-    units (F, E M, U): B above. information (F, U, U): D; gradient (F, U) down the cost; both without the prior.
-    pairs (E M, 6 N) and passed (6 N, U), sparse where they are large: what leads to the steps of the nodes.
-    lenses (C, K + 2 B, K + 2 B): what all Views say of each camera's lens columns and of what its lens leaves over,
-    all poses held and none straying.
+    units F times (E M, U): B above. information F times (U, U): D; gradient (F, U) down the cost; both without the
+    prior. pairs (E M, 6 N) and passed (6 N, U): what leads to the steps of the nodes. All but the gradient are sparse
+    where they are large. lenses (C, K + 2 B, K + 2 B): what all Views say of each camera's lens columns and of what
+    its lens leaves over, all poses held and none straying.
     """
 
-    units: Floats
-    information: Floats
+    units: tuple[Matrix, ...]
+    information: tuple[Matrix, ...]
     gradient: Floats
-    pairs: "Floats | scipy.sparse.csr_array"
-    passed: "Floats | scipy.sparse.csr_array"
+    pairs: Matrix
+    passed: Matrix
     lenses: Floats
+
+    @cached_property
+    def all_units(self) -> Matrix:
+        """(E M, U): of all folds together."""
+        return reduce(add, self.units)
+
+    @cached_property
+    def all_information(self) -> Matrix:
+        """(U, U): of all folds together."""
+        return reduce(add, self.information)
 
     def at_noise(self, before: float, after: float) -> "Border":
         """The same for another noise, px."""
         share = (before / after) ** 2
         return replace(
-            self, units=share * self.units, information=share * self.information, gradient=share * self.gradient,
-            pairs=share * self.pairs, lenses=share * self.lenses,
-        )  # fmt: skip
+            self,
+            units=tuple(share * each for each in self.units),
+            information=tuple(share * each for each in self.information),
+            gradient=share * self.gradient,
+            pairs=share * self.pairs,
+            lenses=share * self.lenses,
+        )
 
     def lost(self, errors: SystematicErrors, values: Floats) -> tuple[Floats, Floats]:
         """By how much less the reduced system and its gradient say, (E M, E M) and (E M,), when the errors, now of
         these values (U,), may take any that their prior allows."""
         pull = self.gradient.sum(axis=0) - errors.information @ values
-        units = self.units.sum(axis=0)
+        units = dense(self.all_units)
         right = np.column_stack([units.T, pull])
-        solved = units @ np.linalg.solve(self.information.sum(axis=0) + errors.information, right)
+        solved = units @ np.linalg.solve(self.all_information + errors.information, right)
         return (solved[:, :-1] + solved[:, :-1].T) / 2, solved[:, -1]
 
 
@@ -96,20 +120,20 @@ def expand(
     column = tables.pair_node[:, None, None] * 6 + np.arange(6)
     at = [axis.ravel() for axis in np.broadcast_arrays(row, column)]
     pairs = _matrix(found.normal.pairs.ravel(), *at, (units * size, 6 * observations.nodes))
-    passed = _followed(reduced.node_inverse, own.nodes)
-    border, information, gradient = own.units.reshape(len(own.units), units * size, -1), own.errors, own.gradient
-    pull = found.normal.node_gradient.ravel()
-    for number in range(len(information)):
+    passed, pull = _followed(reduced.node_inverse, own.nodes), found.normal.node_gradient.ravel()
+    border, information, gradient = [], [], own.gradient
+    for number in range(len(gradient)):
         rows = np.flatnonzero(np.repeat(fold == number, 6))
         chosen = passed[rows]
-        border[number] -= _dense(pairs[:, rows] @ chosen)
-        information[number] -= _dense(own.nodes[rows].T @ chosen)
+        border.append(own.units[number * units * size : (number + 1) * units * size] - pairs[:, rows] @ chosen)
+        unknowns = gradient.shape[1]
+        among = own.errors[number * unknowns : (number + 1) * unknowns]
+        information.append(among - own.nodes[rows].T @ chosen)
         gradient[number] -= chosen.T @ pull[rows]
-    border[:, ~reduced.free.ravel()] = 0.0
-    return Expansion(found, reduced, Border(border, information, gradient, pairs, passed, own.lenses))
+    return Expansion(found, reduced, Border(tuple(border), tuple(information), gradient, pairs, passed, own.lenses))
 
 
-def _followed(inverse: Floats, nodes: "Floats | scipy.sparse.csr_array") -> "Floats | scipy.sparse.csr_array":
+def _followed(inverse: Floats, nodes: Matrix) -> Matrix:
     """Inverses (N, 6, 6) of the nodes' blocks, times a matrix (6 N, U)."""
     if isinstance(nodes, np.ndarray):
         return (inverse @ nodes.reshape(*inverse.shape[:2], -1)).reshape(nodes.shape)
@@ -158,12 +182,20 @@ class Bordered:
         across = self.by_unit @ self.root.T
         return np.block([[self.with_errors(unit_covariance), across], [across.T, self.covariance]])
 
-    def node_roots(self, reduced: Reduced) -> Floats:
-        """By how much every pose of a body moves (N, 6, U), against by_unit, with each of the U independent errors of
+    def lens_covariances(self, found: Adjustment, unit_covariance: Floats) -> Floats:
+        """(C, 9, 9) of each camera's lens with the errors' doubt, from the covariance of the cameras without."""
+        columns, cameras = found.columns, len(found.state.lens)
+        own = self.by_unit.reshape(found.tables.units, -1, len(self.values))[:cameras, : len(columns)]
+        covariance = lens_covariances(found, unit_covariance)
+        covariance[:, columns[:, None], columns] += own @ np.swapaxes(own, 1, 2)
+        return covariance
+
+    def node_roots(self, reduced: Reduced, nodes: slice) -> Floats:
+        """By how much some poses of bodies move (N', 6, U), against by_unit, with each of the U independent errors of
         one sigma."""
-        size, nodes = len(self.values), len(reduced.node_inverse)
-        followed = reduced.node_inverse @ (self.border.pairs.T @ self.by_unit).reshape(nodes, 6, size)
-        return followed + (self.border.passed @ self.root).reshape(nodes, 6, size)
+        rows, size, inverse = slice(6 * nodes.start, 6 * nodes.stop), len(self.values), reduced.node_inverse[nodes]
+        followed = inverse @ (self.border.pairs[:, rows].T @ self.by_unit).reshape(len(inverse), 6, size)
+        return followed + (self.border.passed[rows] @ self.root).reshape(len(inverse), 6, size)
 
 
 def solve_bordered(
@@ -178,14 +210,14 @@ def solve_bordered(
 
     border, reduced: of that adjustment; unit_covariance (E M, E M): without the errors.
     """
-    from scipy.linalg import solve_triangular
+    from scipy.linalg.lapack import dtrtri
 
-    ties = border.units.sum(axis=0)
+    ties = border.all_units
     through = unit_covariance @ ties
-    data = border.information.sum(axis=0) - ties.T @ through
+    data = border.all_information - ties.T @ through
     information = data + errors.information
     lower = np.linalg.cholesky((information + information.T) / 2)
-    root = solve_triangular(lower, np.eye(len(values)), lower=True).T
+    root = dtrtri(lower, lower=1)[0].T
     gradient = np.where(reduced.free, reduced.gradient, 0.0).ravel()
     pulled = border.gradient.sum(axis=0) - errors.information @ values - through.T @ gradient
     step = root @ (root.T @ pulled)
@@ -214,12 +246,12 @@ def solve_bordered(
 
 @dataclass(frozen=True, eq=False)
 class _Sums:
-    """The errors' part of the normal equations: with units (F, E, M, U), among themselves (F, U, U) and the gradient
-    (F, U), for each fold; with nodes (6 N, U). lenses: as Border has them."""
+    """The errors' part of the normal equations: with units (F E M, U), among themselves (F U, U) and the gradient (F,
+    U), for each fold; with nodes (6 N, U). lenses: as Border has them."""
 
-    units: Floats
-    nodes: "Floats | scipy.sparse.csr_array"
-    errors: Floats
+    units: Matrix
+    nodes: Matrix
+    errors: Matrix
     gradient: Floats
     lenses: Floats
 
@@ -238,8 +270,8 @@ def _sums(
     size, fields = lens + chain.by_camera.shape[2], errors.lens_rows.shape[1]
     # Lens and line time act on the Views themselves.
     itself = lens + (state.readout(observations) is not None)
-    units = np.zeros((folds, joins.cameras + joins.found, size, unknowns))
-    own, gradient, parts = np.zeros((folds, unknowns, unknowns)), np.zeros((folds, unknowns)), []
+    count = joins.cameras + joins.found
+    units, own, nodes, gradient = [], [], [], np.zeros((folds, unknowns))
     lenses = np.zeros((observations.cameras, lens + fields, lens + fields))
     grams, cost = np.zeros((len(joins.camera), itself + 7, itself + 7)), 0.0
     squares: list[list[Floats]] = [[] for _ in observations.groups]
@@ -259,21 +291,36 @@ def _sums(
         moved = np.swapaxes(chain.by_camera[part.view], 1, 2) @ gram.step
         with_camera = np.concatenate([gram.across[:, :lens], np.add.reduceat(moved, starts)], axis=1)
         with_camera[:, size - itself + lens :] += gram.across[:, lens:itself]
-        for row, columns_of in enumerate(at):
-            units[number[row], camera[row]][:, columns_of] += with_camera[row]
-            own[number[row], columns_of[:, None], columns_of] += gram.errors[row]
-            gradient[number[row], columns_of] += gram.across[row, -1]
+        np.add.at(gradient, (number[:, None], at), gram.across[:, -1])
+        units.append(_placed(with_camera, (number * count + camera) * size, at))
+        own.append(_placed(gram.errors, number[:, None] * unknowns + at, at))
+        nodes.append(_placed(moved[:, :6], 6 * part.node, index))
         if joins.found:
             layout = joins.layout[part.view[starts]]
+            loose = np.flatnonzero((layout >= 0) & (layout < joins.found))
             with_layout = np.add.reduceat(np.swapaxes(chain.by_layout[part.view], 1, 2) @ gram.step, starts)
-            for row in np.flatnonzero((layout >= 0) & (layout < joins.found)):
-                of_layout = units[number[row], joins.cameras + layout[row], lens : lens + 6]
-                of_layout[:, at[row]] += with_layout[row]
-        row = part.node[:, None, None] * 6 + np.arange(6)[:, None]
-        parts.append([axis.ravel() for axis in np.broadcast_arrays(moved[:, :6], row, index[:, None, :])])
-    nodes = _matrix(*(np.concatenate(each) for each in zip(*parts, strict=True)), (6 * observations.nodes, unknowns))
+            first = (number * count + joins.cameras + layout) * size + lens
+            units.append(_placed(with_layout[loose], first[loose], at[loose]))
     linearised = Linearised(grams, cost, tuple(np.concatenate(each) for each in squares))
-    return linearised, _Sums(units, nodes, own, gradient, lenses)
+    return linearised, _Sums(
+        _gathered(units, (folds * count * size, unknowns)),
+        _gathered(nodes, (6 * observations.nodes, unknowns)),
+        _gathered(own, (folds * unknowns, unknowns)),
+        gradient,
+        lenses,
+    )
+
+
+def _placed(blocks: Floats, row: Ints, column: Ints) -> tuple[Floats, Ints, Ints]:
+    """The elements of blocks (S, R, E), and their places: row (S,) of each block's first row, or (S, R) of all of
+    them, column (S, E)."""
+    rows = row[:, None] + np.arange(blocks.shape[1]) if row.ndim == 1 else row
+    value, at, to = np.broadcast_arrays(blocks, rows[:, :, None], column[:, None])
+    return value.ravel(), at.ravel(), to.ravel()
+
+
+def _gathered(parts: Sequence[tuple[Floats, Ints, Ints]], shape: tuple[int, int]) -> Matrix:
+    return _matrix(*(np.concatenate(each) for each in zip(*parts, strict=True)), shape)
 
 
 @dataclass(frozen=True, eq=False)
@@ -387,11 +434,12 @@ def _fill_error_rows(rows: Floats, moves: Moves, rotation: Floats) -> None:
     rows[first + shapes :] = np.swapaxes(moves.by_tone, 0, 1)
 
 
-def _dense(matrix: "Floats | scipy.sparse.csr_array") -> Floats:
+def dense(matrix: Matrix) -> Floats:
+    """The matrix with all its zeros."""
     return matrix if isinstance(matrix, np.ndarray) else matrix.toarray()
 
 
-def _matrix(values: Floats, row: Ints, column: Ints, shape: tuple[int, int]) -> "Floats | scipy.sparse.csr_array":
+def _matrix(values: Floats, row: Ints, column: Ints, shape: tuple[int, int]) -> Matrix:
     """A matrix of values, those at one place summed, sparse where it is large."""
     if shape[0] * shape[1] < _DENSE:
         return np.bincount(row * shape[1] + column, values, shape[0] * shape[1]).reshape(shape)

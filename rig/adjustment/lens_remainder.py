@@ -5,6 +5,8 @@ which the lens model has itself; the higher the degree the smaller the prior, as
 large the field is, is learned with its own doubt, camera by camera. Where no corner was seen the prior remains.
 """
 
+from functools import cache
+
 import numpy as np
 
 from quadrig.single.arrays import Floats, Ints
@@ -52,10 +54,11 @@ def shares_of(degrees: Ints) -> Floats:
     return share / max(share.sum(), 1e-300)
 
 
-def _sizes(width: float) -> tuple[Floats, Floats]:
-    """Mean squares (S,) px^2 that are tried for a picture so wide, and the logarithms (S,) of their prior odds."""
+@cache
+def _sizes() -> tuple[Floats, Floats]:
+    """Mean squares (S,) px^2 that are tried for 1280 px of width, and the logarithms (S,) of their prior odds."""
     steps = np.linspace(_SMALLEST, _LARGEST, _SIZES)
-    return (_USUAL * width / 1280 * _FACTOR**steps) ** 2, -0.5 * steps**2
+    return (_USUAL * _FACTOR**steps) ** 2, -0.5 * steps**2
 
 
 def largest_field(width: float) -> float:
@@ -63,22 +66,25 @@ def largest_field(width: float) -> float:
     return float(_USUAL * width / 1280 * _FACTOR**_LARGEST)
 
 
-def usual_variance(width: float) -> float:
-    """Mean square (px^2) of the field before any picture, of one coordinate."""
-    variance, odds = _sizes(width)
-    return float(np.exp(odds) @ variance / np.exp(odds).sum())
+def usual_variance(widths: Floats) -> Floats:
+    """Mean square (C,) px^2 of the fields of pictures so wide (C,) px before any is seen, of one coordinate."""
+    variance, odds = _sizes()
+    return (widths / 1280) ** 2 * (np.exp(odds) @ variance / np.exp(odds).sum())
 
 
-def learned_variance(information: Floats, pull: Floats, share: Floats, width: float) -> float:
-    """Mean square (px^2) of a camera's field, averaged over sizes by how likely the Views make each.
+def learned_variance(information: Floats, pull: Floats, share: Floats, widths: Floats) -> Floats:
+    """Mean square (C,) px^2 of each camera's field, averaged over sizes by how likely the Views make each.
 
-    information (N, N), pull (N,): what Views say of the field's numbers, quadratic about a field of zero; share (N,).
+    information (C, N, N), pull (C, N): what Views say of the field's numbers, quadratic about a field of zero; share
+    (N,); widths (C,) px of the pictures.
     """
     root = np.sqrt(share)
     values, axes = np.linalg.eigh(information * root * root[:, None])
-    values, along = np.maximum(values, 0.0), (axes.T @ (root * pull)) ** 2
-    variance, odds = _sizes(width)
-    grown = variance[:, None] * values
-    evidence = 0.5 * (variance[:, None] * along / (1 + grown) - np.log1p(grown)).sum(axis=1) + odds
-    weight = np.exp(evidence - evidence.max())
-    return float(weight @ variance / weight.sum())
+    values = np.maximum(values, 0.0)[:, None]
+    along = ((root * pull)[:, None] @ axes) ** 2
+    variance, odds = _sizes()
+    variance = (widths[:, None] / 1280) ** 2 * variance
+    grown = variance[..., None] * values
+    evidence = 0.5 * (variance[..., None] * along / (1 + grown) - np.log1p(grown)).sum(axis=2) + odds
+    weight = np.exp(evidence - evidence.max(axis=1, keepdims=True))
+    return (weight * variance).sum(axis=1) / weight.sum(axis=1)

@@ -84,13 +84,9 @@ class SystematicErrors:
         (U,): what the Views say of the errors, quadratic about zero."""
         if not self.lens_rows.size:
             return self
-        variances = [
-            learned_variance(information[np.ix_(rows, rows)], pull[rows], self.share, float(width))
-            for rows, width in zip(self.lens_rows, self.widths, strict=True)
-        ]
-        return replace(
-            self, information=_with_fields(self.information, self.lens_rows, np.array(variances), self.share)
-        )
+        own = information[self.lens_rows[:, :, None], self.lens_rows[:, None]]
+        variances = learned_variance(own, pull[self.lens_rows], self.share, self.widths)
+        return replace(self, information=_with_fields(self.information, self.lens_rows, variances, self.share))
 
 
 def _with_fields(information: Floats, rows: Ints, variances: Floats, share: Floats) -> Floats:
@@ -126,7 +122,7 @@ def systematic_errors(problem: Problem, observations: Observations) -> Systemati
     information = np.eye(first_field + fields * cameras)
     information[:shapes, :shapes] = np.linalg.inv(shape_covariance(rectangles))
     rows = first_field + np.arange(fields * cameras).reshape(cameras, fields)
-    share, usual = np.tile(shares_of(degrees), 2), np.array([usual_variance(width) for width in sizes[:, 0]])
+    share, usual = np.tile(shares_of(degrees), 2), usual_variance(sizes[:, 0])
     information = _with_fields(information, rows, usual, share)
     return SystematicErrors(tuple(moves), information, rows, sizes[:, 0], share)
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from quadrig.rig.adjustment.bordered import Border, error_rows
+from quadrig.rig.adjustment.bordered import Border, dense, error_rows
 from quadrig.rig.adjustment.levenberg_marquardt import view_steps
 from quadrig.rig.adjustment.normal_equations import linearise, normal_equations
 from quadrig.rig.adjustment.schur import Reduced, block_matrix, eliminate, node_steps, solve_for
@@ -117,12 +117,13 @@ def _without(joint: Joint, own: Reduced, number: int, out: Mask) -> tuple[Floats
         lens = len(joint.adjustment.columns)
         free = free.copy()
         free[0, lens : lens + 6] = False
-    border, others = joint.bordered.border, np.arange(len(joint.bordered.border.gradient)) != number
-    ties = border.units[others].sum(axis=0) * free.ravel()[:, None]
-    seen, whole_errors = border.information[others].sum(axis=0), border.information.sum(axis=0)
+    border = joint.bordered.border
+    ties = dense(border.all_units - border.units[number]) * free.ravel()[:, None]
+    whole_errors = border.all_information
+    seen = dense(whole_errors - border.information[number])
     # A sheet that only this fold shows keeps its shape, as it keeps its pose: both are its own.
-    shown = np.flatnonzero(np.diag(seen) > _SEEN * np.diag(whole_errors))
-    pull = border.gradient[others].sum(axis=0) - joint.errors.information @ joint.values
+    shown = np.flatnonzero(np.diag(seen) > _SEEN * whole_errors.diagonal())
+    pull = border.gradient.sum(axis=0) - border.gradient[number] - joint.errors.information @ joint.values
     right = np.column_stack([np.where(free, gradient, 0.0).ravel(), ties[:, shown]])
     errors = np.zeros_like(pull)
     try:
@@ -147,32 +148,39 @@ def _dispersion(joint: Joint, own: Reduced, share: Floats) -> Floats:
     cameras, lens, count = joint.observations.cameras, len(joint.adjustment.columns), len(share)
     units, size = joint.reduced.free.shape
     free = joint.reduced.free[:cameras, :lens]
-    both, each = free[:, :, None] & free[:, None, :], np.arange(cameras)
-
-    def of_lens(matrix: Floats) -> Floats:
-        return matrix.reshape(units, size, units, size)[each, :, each][:, :lens, :lens]
-
-    inverse = np.where(
-        both, np.linalg.inv(np.where(both, of_lens(joint.bordered.with_errors(joint.covariance)), np.eye(lens))), 0.0
-    )
+    both, total = free[:, :, None] & free[:, None, :], units * size
     covariance = joint.bordered.joint_covariance(joint.covariance)
+    lenses = (size * np.arange(cameras)[:, None] + np.arange(lens)).ravel()
+    across = covariance[lenses]
+
+    def of_lens(left: Floats, right: Floats) -> Floats:
+        """Each camera's own block (C, K, K) of a product."""
+        return left.reshape(cameras, lens, len(right)) @ right.reshape(len(right), cameras, lens).swapaxes(0, 1)
+
+    own_lens = across[:, lenses].reshape(cameras, lens, cameras, lens)[np.arange(cameras), :, np.arange(cameras)]
+    inverse = np.where(both, np.linalg.inv(np.where(both, own_lens, np.eye(lens))), 0.0)
     parts = [_of_fold(own, joint.bordered.border, number, units, size) for number in range(count)]
     gradients = np.array([gradient for gradient, _ in parts])
-    moved = [product(covariance) for _, product in parts]
     gradients -= share[:, None] * gradients.sum(axis=0)
-    total, every = units * size, sum(moved, np.zeros_like(covariance))
-    of_all = every - every @ every
+    moved = [product(covariance) for _, product in parts]
+    every = sum(moved, np.zeros_like(covariance))
+    # Of D - D C D of all folds together: its trace with C, and what it makes of each lens.
+    of_every = across @ every
+    trace_all = float(np.trace(every) - (every * every.T).sum())
+    lens_all = of_lens(across - of_every, every[:, lenses])
     seen, expected, together, by_chance = np.zeros(cameras), np.zeros(cameras), 0.0, 0.0
-    for number, own_share in enumerate(share):
-        step = covariance @ gradients[number]
-        together += float(gradients[number] @ step)
+    for own_moved, gradient, own_share in zip(moved, gradients, share, strict=True):
+        step = covariance @ gradient
+        together += float(gradient @ step)
         of_each = step[:total].reshape(units, 1, size)[:cameras, :, :lens]
         seen += (of_each @ inverse @ np.swapaxes(of_each, 1, 2))[:, 0, 0]
         # D - D C D of the fold, less twice what it has in common with the sum of all, and that sum's own part.
-        spread = moved[number] - moved[number] @ moved[number]
-        spread -= 2 * own_share * (moved[number] - moved[number] @ every) - own_share**2 * of_all
-        by_chance += float(np.trace(spread))
-        expected += (of_lens(covariance[:total] @ spread[:, :total]) * inverse).sum(axis=(1, 2))
+        trace, crossed = float(np.trace(own_moved)), float((own_moved * every.T).sum())
+        by_chance += trace - float((own_moved * own_moved.T).sum())
+        by_chance += own_share**2 * trace_all - 2 * own_share * (trace - crossed)
+        followed, columns = across @ own_moved, own_moved[:, lenses]
+        spread = of_lens(across - followed - 2 * own_share * (across - of_every), columns)
+        expected += ((spread + own_share**2 * lens_all) * inverse).sum(axis=(1, 2))
     if not by_chance > 0:
         return np.ones(cameras)
     # Cameras of one rig are not independent: together they count for as much as one of them.

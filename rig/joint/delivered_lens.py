@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from quadrig.rig.adjustment.bordered import dense
 from quadrig.rig.joint.stages import Joint
 from quadrig.single.arrays import Floats
 
@@ -56,9 +57,9 @@ def _sums(joint: Joint) -> Floats:
     if len(border.lenses) > 1:
         return border.lenses
     rows = joint.errors.lens_rows[0]
-    across = border.units.sum(axis=0)[:lens, rows]
+    across = dense(border.all_units)[:lens, rows]
     model = joint.reduced.blocks[0][:lens, :lens] - joint.free.information[0][np.ix_(*[joint.adjustment.columns] * 2)]
-    return np.block([[model, across], [across.T, border.information.sum(axis=0)[np.ix_(rows, rows)]]])[None]
+    return np.block([[model, across], [across.T, dense(border.all_information)[np.ix_(rows, rows)]]])[None]
 
 
 def _weights(joint: Joint, camera: int) -> float:

@@ -14,6 +14,10 @@ from quadrig.rig.sheet_shape import SheetShape
 from quadrig.single.arrays import Floats, Ints, Mask
 from quadrig.single.pose import Pose, stacked
 
+# Poses of bodies whose errors' doubt is worked out at a time: each takes as many numbers as there are errors, six
+# times.
+_AT_ONCE = 500
+
 
 @dataclass(frozen=True, eq=False)
 class PlacedPoses:
@@ -76,7 +80,7 @@ def placed_poses(problem: Problem, joint: Joint, widening: float, covariance: Fl
         # A node follows the units by - N^-1 P', and the systematic errors directly.
         followed = joint.bordered.border.pairs.T @ firm
         followed = joint.reduced.node_inverse @ followed.reshape(len(seen), 6, -1)
-        followed = followed + joint.bordered.node_roots(joint.reduced) @ by_unit.T
+        followed = followed + joint.bordered.node_roots(joint.reduced, slice(0, len(seen))) @ by_unit.T
         across[:, :, :found] = -followed.reshape(len(seen), 6, found, 6)
     return PlacedPoses(
         state.rig_from_body,
@@ -103,8 +107,11 @@ def node_covariances(joint: Joint) -> Floats:
     np.add.at(result, tables.pair_node[left], term)
     off = left != right
     np.add.at(result, tables.pair_node[left][off], np.swapaxes(term[off], -1, -2))
-    roots = joint.bordered.node_roots(reduced)
-    return result + roots @ np.swapaxes(roots, -1, -2)
+    for begin in range(0, len(result), _AT_ONCE):
+        nodes = slice(begin, min(begin + _AT_ONCE, len(result)))
+        roots = joint.bordered.node_roots(reduced, nodes)
+        result[nodes] += roots @ np.swapaxes(roots, -1, -2)
+    return result
 
 
 def rectangles_of(problem: Problem, joint: Joint, placed: PlacedPoses) -> tuple[PlacedRectangle, ...]:

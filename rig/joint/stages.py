@@ -158,7 +158,9 @@ def solve_jointly(
     contradicted = _contradicted(problem, observations, robust.inliers)
     if contradicted:
         return contradicted
-    priors, free = _weighed(problem, priors, robust.free, robust.adjustment)
+    found = robust.adjustment
+    covariance = lens_covariances(found, reduced_inverse(undamped(found, robust.free)))
+    priors, free = _weighed(problem, priors, robust.free, found.state.lens, covariance)
     return _least_squares_stage(problem, observations, replace(robust, free=free), priors)
 
 
@@ -228,12 +230,11 @@ def _robust(
 
 
 def _weighed(
-    problem: Problem, priors: LensPriors, free: FreeParameters, found: Adjustment, covariance: Floats | None = None
+    problem: Problem, priors: LensPriors, free: FreeParameters, lens: Floats, covariance: Floats
 ) -> tuple[LensPriors, FreeParameters]:
-    """The priors of the lenses after a fit with them, the classes weighed by what the Views say."""
-    covariance = reduced_inverse(undamped(found, free)) if covariance is None else covariance
-    own = lens_covariances(found, covariance)
-    priors = weighed_priors(problem, priors, free.lens, found.state.lens, own)
+    """The priors of the lenses after a fit with them that gave lens (C, 9) with covariance (C, 9, 9), the classes
+    weighed by what the Views say."""
+    priors = weighed_priors(problem, priors, free.lens, lens, covariance)
     return priors, replace(free, prior_mean=priors.mean, prior_information=priors.information)
 
 
@@ -328,8 +329,7 @@ class _Expected:
 def _learned(problem: Problem, before: _Expected, end: "_End", state: State) -> _Expected:
     """What is to be expected after an end, and the state that its step leads to."""
     noise, errors = noise_of(*end.residuals, problem.expected_noise), before.errors
-    found = replace(end.adjustment, state=state)
-    priors, free = _weighed(problem, before.priors, before.free, found, end.covariance)
+    priors, free = _weighed(problem, before.priors, before.free, state.lens, end.lens_covariances)
     if end.bordered.fall < _NEAR:
         errors = errors.with_learned_fields(end.bordered.data_information, end.bordered.data_pull)
     return _Expected(noise, priors, free, errors)
@@ -355,7 +355,8 @@ def _expecting_alike(
 class _End:
     """The end of an adjustment, its reduced system, and what the systematic errors, of values (U,) there, add to it.
 
-    firm, covariance (E M, E M): of the units without and with the errors' doubt. residuals: as residual_sum has it.
+    firm (E M, E M): covariance of the units without the errors' doubt; lens_covariances (C, 9, 9): with it.
+    residuals: as residual_sum has it.
     """
 
     adjustment: Adjustment
@@ -363,7 +364,7 @@ class _End:
     reduced: Reduced
     firm: Floats
     bordered: Bordered
-    covariance: Floats
+    lens_covariances: Floats
     residuals: tuple[float, float]
 
 
@@ -377,9 +378,9 @@ def _solved(expected: _Expected, there: Expansion, values: Floats, used: Observa
     found, reduced = there.adjustment, there.reduced
     firm = reduced_inverse(reduced)
     bordered = solve_bordered(there.border, expected.errors, values, found, reduced, firm)
-    covariance = bordered.with_errors(firm)
-    residuals = residual_sum(found, used, expected.free, expected.noise, covariance, bordered.effective)
-    return _End(found, values, reduced, firm, bordered, covariance, residuals)
+    lenses = bordered.lens_covariances(found, firm)
+    residuals = residual_sum(found, used, expected.free, expected.noise, lenses, bordered.effective)
+    return _End(found, values, reduced, firm, bordered, lenses, residuals)
 
 
 def _moved(expected: _Expected, end: _End, observations: Observations, used: Observations) -> tuple[State, Floats]:

@@ -109,7 +109,7 @@ def test_rectangle_poses_gain_what_the_errors_add(both):
     without = both.kept[both.kept < both.last]
     inverse = np.zeros((both.last, both.last))
     inverse[np.ix_(without, without)] = np.linalg.inv(both.matrix[np.ix_(without, without)])
-    roots = both.bordered.node_roots(both.reduced)
+    roots = both.bordered.node_roots(both.reduced, slice(0, len(both.reduced.node_inverse)))
     added = roots @ np.swapaxes(roots, -1, -2)
     for node, found in enumerate(added):
         own = slice(both.first + 6 * node, both.first + 6 * node + 6)

@@ -43,15 +43,13 @@ def test_more_cameras_have_coarser_fields(cameras):
 
 
 def test_the_size_of_a_field_is_learned_where_views_show_it_and_is_the_usual_one_where_not():
-    rng, share = np.random.default_rng(2), np.tile(shares_of(degrees_of(1)), 2)
-    true = 0.1
-    learned = []
-    for _ in range(30):
-        field = true * np.sqrt(share) * rng.normal(size=len(share))
-        information = np.eye(len(share)) / 0.001**2
-        pull = information @ (field + 0.001 * rng.normal(size=len(share)))
-        learned.append(learned_variance(information, pull, share, 1280.0))
+    rng, share, count = np.random.default_rng(2), np.tile(shares_of(degrees_of(1)), 2), 30
+    true, widths = 0.1, np.full(count, 1280.0)
+    field = true * np.sqrt(share) * rng.normal(size=(count, len(share)))
+    information = np.tile(np.eye(len(share)) / 0.001**2, (count, 1, 1))
+    pull = (field + 0.001 * rng.normal(size=field.shape)) / 0.001**2
+    learned = learned_variance(information, pull, share, widths)
     # Of 50 numbers a variance is known to a fifth.
     assert np.median(learned) == pytest.approx(true**2, rel=0.2)
-    blind = learned_variance(np.zeros((len(share), len(share))), np.zeros(len(share)), share, 1280.0)
-    assert blind == pytest.approx(usual_variance(1280.0))
+    blind = learned_variance(np.zeros_like(information), np.zeros_like(pull), share, widths)
+    np.testing.assert_allclose(blind, usual_variance(widths))
