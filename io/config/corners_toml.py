@@ -22,7 +22,7 @@ from typing import Annotated
 import msgspec
 import numpy as np
 
-from quadrig.io.config.errors import decode_error, locate
+from quadrig.io.config.errors import decoded, locate
 from quadrig.io.whole_file import read_text, write_text
 from quadrig.single.arrays import Floats
 from quadrig.single.errors import QuadrigError
@@ -101,14 +101,7 @@ def read_corners(path: Path, rectangles: Sequence[Rectangle]) -> tuple[PointedCo
     not.
     """
     text = _text(path)
-    try:
-        tables = msgspec.toml.decode(text, type=_File).corners
-    except msgspec.DecodeError as error:
-        raise decode_error(error, text, str(path), _File) from error
-    except RecursionError as error:
-        raise QuadrigError(f"{path}: lists are nested too deep; corners.toml needs two levels") from error
-    except ValueError as error:
-        raise QuadrigError(f"{path}: this is not TOML: {error}") from error
+    tables = decoded(text, _File, str(path)).corners
     read: dict[tuple[str, str, int | None], PointedCorners] = {}
     for index, table in enumerate(tables):
         where = partial(locate, str(path), text, f"$.corners[{index}]")

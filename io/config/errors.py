@@ -1,8 +1,10 @@
-"""msgspec's errors in rig.toml as one sentence that names file, line, key and what is allowed."""
+"""TOML as tables of a type; what is wrong with it is one sentence with file, line, key and what is allowed."""
 
 import re
 import types
 import typing
+from collections.abc import Callable
+from typing import Any, TypeVar
 
 import msgspec
 
@@ -20,13 +22,34 @@ _KINDS = {
 }
 
 
+# Keys in keys: Python's reader takes gigabytes for some ten thousand, and the deepest table here is the third.
+_DEEP_KEY = re.compile(r"""(?<![\w-])(?:(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')\s*+\.\s*+){64}""")
+
+_Tables = TypeVar("_Tables")
+
+
+def decoded(text: str, root: type[_Tables], name: str, dec_hook: Callable[[type, Any], Any] | None = None) -> _Tables:
+    """The tables of a text, by msgspec. name: what errors call it. Raises QuadrigError, one sentence."""
+    try:
+        if _DEEP_KEY.search(text):
+            raise RecursionError
+        return msgspec.toml.decode(text, type=root, dec_hook=dec_hook)
+    except msgspec.DecodeError as error:
+        raise _decode_error(error, text, name, root) from error
+    except RecursionError as error:
+        raise QuadrigError(f"{name}: lists, tables or keys are nested too deep; it needs three levels") from error
+    except ValueError as error:
+        # What Python itself will not read as a number.
+        raise QuadrigError(f"{name}: this is not TOML: {error}") from error
+
+
 def locate(name: str, text: str, path: str, key: str = "") -> str:
     """ "rig.toml, line 7" for a value of the text, or the file's name alone where the line is unknown."""
     line = line_of(text, path, key)
     return name if line is None else f"{name}, line {line}"
 
 
-def decode_error(error: msgspec.DecodeError, text: str, name: str, root: type) -> QuadrigError:
+def _decode_error(error: msgspec.DecodeError, text: str, name: str, root: type) -> QuadrigError:
     """The sentence for an error of msgspec.toml.decode(text, type=root)."""
     message = str(error)
     if not isinstance(error, msgspec.ValidationError):

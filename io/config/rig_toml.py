@@ -10,7 +10,7 @@ import msgspec
 import numpy as np
 
 from quadrig.io.config.corners_toml import PointedCorners, corners_beside, read_corners
-from quadrig.io.config.errors import decode_error, locate
+from quadrig.io.config.errors import decoded, locate
 from quadrig.io.config.kalibr_target import with_targets_read
 from quadrig.io.config.known_sizes import known_size
 from quadrig.io.config.marking_tables import (
@@ -202,16 +202,7 @@ def parse_config(text: str, name: str = "rig.toml") -> RigConfig:
     """The rig.toml of a text; name: what errors call it, and where files lie that it names. Raises QuadrigError as
     read_config does."""
     text = with_targets_read(text, Path(name).parent, name)
-    root = file_type()
-    try:
-        tables = msgspec.toml.decode(text, type=root, dec_hook=read_quantities)
-    except msgspec.DecodeError as error:
-        raise decode_error(error, text, name, root) from error
-    except RecursionError as error:
-        raise QuadrigError(f"{name}: lists or tables are nested too deep; rig.toml needs three levels") from error
-    except ValueError as error:
-        # What Python itself will not read as a number.
-        raise QuadrigError(f"{name}: this is not TOML: {error}") from error
+    tables = decoded(text, file_type(), name, read_quantities)
     if not tables.rectangle:
         raise QuadrigError(f"{name}: there is no [[rectangle]]; describe at least one that several cameras see")
     bodies = {table.name: table.moving for table in tables.body}

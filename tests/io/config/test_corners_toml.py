@@ -130,5 +130,5 @@ def test_the_names_are_those_of_the_corners():
 
 def test_nested_too_deep_is_one_sentence(tmp_path):
     (tmp_path / "corners.toml").write_text("corners = " + "[" * 5000 + "]" * 5000)
-    with pytest.raises(QuadrigError, match=r"corners\.toml: lists are nested too deep"):
+    with pytest.raises(QuadrigError, match=r"corners\.toml: lists, tables or keys are nested too deep"):
         read_corners(tmp_path / "corners.toml", [])

@@ -205,9 +205,17 @@ def test_a_kind_of_marking_from_outside_is_read_and_written(monkeypatch) -> None
         parse_config(text.replace("count = 3", "count = 3, legs = 2"))
 
 
-@pytest.mark.parametrize("text", ["x = " + "[" * 5000 + "]" * 5000, "x = " + "{a=" * 5000 + "1" + "}" * 5000])
+@pytest.mark.parametrize(
+    "text",
+    [
+        "x = " + "[" * 5000 + "]" * 5000,
+        "x = " + "{a=" * 5000 + "1" + "}" * 5000,
+        "a." * 45000 + "b = 1",
+        "[" + "'a' . " * 45000 + "b]",
+    ],
+)
 def test_nested_too_deep_is_one_sentence(text):
-    with pytest.raises(QuadrigError, match="lists or tables are nested too deep"):
+    with pytest.raises(QuadrigError, match="lists, tables or keys are nested too deep"):
         parse_config(text)
 
 
