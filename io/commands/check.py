@@ -18,7 +18,7 @@ from quadrig.io.search.later_recording import views_of
 from quadrig.io.verbosity import note
 from quadrig.rig.doubt.verdict import out_of_step
 from quadrig.rig.moved import CameraMove, find_moved
-from quadrig.rig.words import ONE_SIGMA, length
+from quadrig.rig.words import ONE_SIGMA, length, with_sigma
 from quadrig.single.errors import QuadrigError
 
 MOVED = 3
@@ -96,8 +96,8 @@ def sentence(move: CameraMove) -> str:
     others = [*move.instead, *(["the focus of its lens (autofocus)"] if move.refocused else [])]
     instead = f", unless it was {' or '.join(others)}" if others else ""
     return (
-        f"{move.name}: moved by {length(move.shift)} ± {length(move.shift_sigma)} and "
-        f"{np.degrees(move.rotation):.3f} ± {np.degrees(move.rotation_sigma):.3f} degrees{instead}"
+        f"{move.name}: moved by {with_sigma(1e3 * move.shift, 1e3 * move.shift_sigma)} mm and "
+        f"{with_sigma(np.degrees(move.rotation), np.degrees(move.rotation_sigma))} degrees{instead}"
     )
 
 
