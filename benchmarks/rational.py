@@ -66,7 +66,7 @@ class Rational:
 
     def project(self, points: Floats) -> Floats:
         """Pixels (P, 2) of points (P, 3) of the camera frame, nan where they are not seen."""
-        pixels = cv2.projectPoints(points, np.zeros(3), np.zeros(3), self.matrix, self.distortion)[0][:, 0]
+        pixels = _by_opencv(points, self.matrix, self.distortion)
         with np.errstate(divide="ignore", invalid="ignore"):
             ray = np.where(points[:, 2] > 0, np.hypot(points[:, 0], points[:, 1]) / points[:, 2], np.inf)
             sees = (ray < self.widest) & ((pixels > 0) & (pixels < [WIDTH - 1, HEIGHT - 1])).all(axis=1)
@@ -182,8 +182,10 @@ def opencv(made: Take, flags: int) -> Answer:
         own = [view for view in made.views if view.camera == f"cam{index}"]
         points = [view.points.astype(np.float32) for view in own]
         pixels = [view.pixels.astype(np.float32) for view in own]
-        _, matrix, distortion, *_ = cv2.calibrateCamera(points, pixels, (WIDTH, HEIGHT), None, None, flags=flags)
-        lenses.append((matrix, distortion))
+        _, matrix, distortion, *_ = cv2.calibrateCamera(
+            points, pixels, (WIDTH, HEIGHT), np.eye(3), np.zeros(8), flags=flags
+        )
+        lenses.append((np.asarray(matrix, float), np.asarray(distortion, float)))
     for index in (1, 2):
         points, left, right = [], [], []
         for frameset in range(_FRAMESETS):
@@ -196,16 +198,30 @@ def opencv(made: Take, flags: int) -> Answer:
                 points.append(np.array(both, np.float32))
                 left.append(np.array([rows[0][point] for point in both], np.float32))
                 right.append(np.array([rows[1][point] for point in both], np.float32))
-        given = (*lenses[0], *lenses[index], (WIDTH, HEIGHT))
-        answer = cv2.stereoCalibrate(points, left, right, *given, flags=cv2.CALIB_FIX_INTRINSIC | flags)
+        (matrix, distortion), (other, bends) = lenses[0], lenses[index]
+        answer = cv2.stereoCalibrate(
+            points,
+            left,
+            right,
+            matrix,
+            distortion,
+            other,
+            bends,
+            (WIDTH, HEIGHT),
+            flags=cv2.CALIB_FIX_INTRINSIC | flags,
+        )
         poses.append(Pose(np.asarray(answer[5], float), np.asarray(answer[6], float)[:, 0]).inverse())
     steps = [pose.step_to(made.rig_from_camera[i]) for i, pose in enumerate(poses, 1)]
     matrix, distortion = lenses[0]
 
     def project(points: Floats) -> Floats:
-        return cv2.projectPoints(points, np.zeros(3), np.zeros(3), matrix, distortion)[0][:, 0]
+        return _by_opencv(points, matrix, distortion)
 
     return _answer([_left(project, *test) for test in made.tests], steps, [])
+
+
+def _by_opencv(points: Floats, matrix: Floats, distortion: Floats) -> Floats:
+    return np.asarray(cv2.projectPoints(points, np.zeros(3), np.zeros(3), matrix, distortion)[0], float)[:, 0]
 
 
 def _left(project: Callable[[Floats], Floats], points: Floats, pixels: Floats, start: Pose) -> Floats:

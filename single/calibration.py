@@ -8,18 +8,21 @@ import numpy as np
 
 from quadrig.single.arrays import Floats
 from quadrig.single.errors import QuadrigError
-from quadrig.single.lens import LENS_PARAMETERS, Intrinsics, image_middle
+from quadrig.single.lens import LENS_PARAMETERS, Intrinsics, image_middle, unproject
+from quadrig.single.lens_prior import usual_focal
 from quadrig.single.pose import Pose, inverse_jacobian
 from quadrig.single.posterior.lens_estimate import LensEstimate, LensPrior, estimate_lens, expected_sigma
 from quadrig.single.posterior.lens_fit import LensViews, stacked_views
 from quadrig.single.posterior.noise import EXPECTED_WEIGHT
 from quadrig.single.solve.corners import REASON_WORDS, Reason
 from quadrig.single.solve.focal_advice import focal_advice, percent, view_tilt
-from quadrig.single.solve.maximum_likelihood import Solution, solve_points
+from quadrig.single.solve.maximum_likelihood import solve_points
+from quadrig.single.solve.planar_pose import planar_poses, rotation_to
 from quadrig.single.solve.twin import Twins, twin_poses
 from quadrig.single.view import View
 
 Distortion = Literal["none", "k1", "k1 k2", "auto"]
+Model = Literal["auto", "pinhole", "fisheye"]
 
 # Where a View's readings are compared, how far from the middle of the picture its axis may lie, of the longer side.
 _USUAL_CENTRE = 0.02
@@ -32,6 +35,11 @@ _UNUSUAL = 0.5
 # Sigmas of a sheet's shape that no sheet has.
 _BENT = 3.0
 _CHECK = "check the sizes, the order of the corners and that the sheet is flat"
+# ln of the odds from which a fisheye is one: a thousand to one, where one lens in ten is beforehand.
+_DECIDED = float(np.log(1000.0) + np.log(9.0))
+# Focals that a fisheye may begin from, over the usual one, and how far apart they are.
+_FISHEYE_STEP = 0.15
+_FISHEYE_FOCALS = np.exp(_FISHEYE_STEP * np.arange(-5, 6))
 # A sum of squares this many times its expectation is no noise: something else is wrong.
 _MISFIT = 9.0
 
@@ -95,6 +103,7 @@ def calibrate_view(
     principal_point: Floats | None = None,
     principal_point_sigma: float | None = None,
     distortion: Distortion = "auto",
+    model: Model = "auto",
 ) -> Calibration:
     """The camera that took one View: calibrate_views of a single one."""
     return calibrate_views(
@@ -104,6 +113,7 @@ def calibrate_view(
         principal_point=principal_point,
         principal_point_sigma=principal_point_sigma,
         distortion=distortion,
+        model=model,
     )
 
 
@@ -115,14 +125,14 @@ def calibrate_views(
     principal_point: Floats | None = None,
     principal_point_sigma: float | None = None,
     distortion: Distortion = "auto",
+    model: Model = "auto",
 ) -> Calibration:
     """The lens that took all these Views and the pose of each rectangle, at the maximum of likelihood.
 
     image_size: width and height px; focal: px where known; principal_point (2,) px: the middle of the picture where
     None; principal_point_sigma: standard deviation of its prior, px: 0 where the principal point is given, two per
-    cent of the longer side where it is not; distortion: "auto" keeps k1 and k2 as far as the Views show them;
-    distortion_sigma: standard deviation of a prior on k1 about 0, so that what a lens may bend and few points cannot
-    show enters the sigmas; None: 0.05 where that is so and the principal point is not given either, else no prior.
+    cent of the longer side where it is not; distortion: "auto" for all that lenses have; model: "auto" for a pinhole,
+    unless a fisheye meets by far better what it misses.
     The noise is the Views' sigma, or what the residuals show where that is more.
     Raises QuadrigError where no View can be solved, with the reason.
     """
@@ -134,10 +144,58 @@ def calibrate_views(
     if focal is not None and not (np.isfinite(focal) and focal > 0):
         raise QuadrigError(f"the focal is {focal} px; give a length above zero")
     prior = _prior(image_size, focal, principal_point, principal_point_sigma, distortion)
-    views, readings, alone = _likeliest_readings(views, prior)
-    stacked = stacked_views(views)
-    found = estimate_lens(stacked, prior, [] if focal is not None else _focals(alone))
-    return _calibration(views, stacked, readings, prior, found)
+    if model != "auto":
+        return _calibration(_solved(views, replace(prior, model=model)))
+    pinhole = _tried(views, prior)
+    if isinstance(pinhole, _Solved) and not _is_suspect(pinhole.found):
+        return _calibration(pinhole)
+    fisheye = _tried(views, replace(prior, model="fisheye"))
+    if isinstance(fisheye, _Solved) and not _is_suspect(fisheye.found) and _is_decided(pinhole, fisheye):
+        return _calibration(fisheye)
+    if isinstance(pinhole, QuadrigError):
+        raise pinhole
+    return _calibration(pinhole)
+
+
+@dataclass(frozen=True, eq=False)
+class _Solved:
+    """Views of a lens of one model: as they were read, which readings that are, and what they say."""
+
+    views: list[View]
+    readings: tuple[int, ...]
+    stacked: LensViews
+    prior: LensPrior
+    found: LensEstimate
+
+
+def _solved(views: Sequence[View], prior: LensPrior) -> _Solved:
+    read, readings, focals = _likeliest_readings(views, prior)
+    stacked = stacked_views(read, prior.model)
+    return _Solved(read, readings, stacked, prior, estimate_lens(stacked, prior, focals))
+
+
+def _tried(views: Sequence[View], prior: LensPrior) -> _Solved | QuadrigError:
+    try:
+        return _solved(views, prior)
+    except QuadrigError as error:
+        return error
+
+
+def _is_suspect(found: LensEstimate) -> bool:
+    """Whether the points are explained by something rare alone, or not at all."""
+    return _misses(found) or _is_bent(found) or found.unusual > _UNUSUAL
+
+
+def _is_decided(pinhole: _Solved | QuadrigError, fisheye: _Solved) -> bool:
+    """Whether a fisheye is a thousand times as likely as a pinhole: noise of unknown size, as each leaves it."""
+    if isinstance(pinhole, QuadrigError):
+        return True
+    freedom = fisheye.stacked.coordinates - 6 * len(fisheye.views) - len(LENS_PARAMETERS)
+    return freedom * np.log(pinhole.found.noise / fisheye.found.noise) > _DECIDED
+
+
+def _expected_noise(views: Sequence[View]) -> float:
+    return float(np.sqrt(np.mean([view.expected_sigma**2 for view in views])))
 
 
 def _prior(
@@ -157,12 +215,47 @@ def _prior(
     return LensPrior(image_size, focal, held, lens, sigma)
 
 
-def _alone(view: View, prior: LensPrior, points: Floats) -> Solution:
+def _likeliest_readings(views: Sequence[View], prior: LensPrior) -> tuple[list[View], tuple[int, ...], list[float]]:
+    """Each View under the reading that fits best, which that is, and focals to begin from; the first reading where
+    others are no better than noise makes them."""
+    taken, numbers, alone = [], [], []
+    for view in views:
+        answers = [_alone(view, prior, points) for points in view.readings]
+        fits = [answer.chi2 if np.isfinite(answer.chi2) else np.inf for answer in answers]
+        if not np.isfinite(fits).any():
+            where = f"the View of {view.rectangle!r}" + (f" in camera {view.camera!r}" if view.camera else "")
+            raise QuadrigError(f"{where}: {REASON_WORDS[answers[0].reason]}")
+        best = int(np.argmin(fits))
+        # Less than one unit of chi2 is what noise does to a reading that is as good.
+        best = 0 if fits[0] < fits[best] + 1 else best
+        taken.append(replace(view, points=view.readings[best], alternatives=()))
+        numbers.append(best)
+        alone.append(answers[best])
+    return taken, tuple(numbers), _focals(alone) if prior.focal is None else []
+
+
+@dataclass(frozen=True)
+class _Alone:
+    """What one View gives by itself: focal and its sigma, px; chi2, infinite where nothing fits, for that reason."""
+
+    focal: float
+    sigma: float
+    chi2: float
+    reason: Reason = Reason.OK
+
+
+def _alone(view: View, prior: LensPrior, points: Floats) -> _Alone:
     if len(points) != len(view.pixels) or len(points) < 4:
         raise QuadrigError(
             f"the View of {view.rectangle!r} has {len(points)} points and {len(view.pixels)} pixels; "
             "give as many of each, four or more"
         )
+    return (
+        _alone_as_fisheye(view, prior, points) if prior.model == "fisheye" else _alone_as_pinhole(view, prior, points)
+    )
+
+
+def _alone_as_pinhole(view: View, prior: LensPrior, points: Floats) -> _Alone:
     # From behind, a rectangle is one seen from the front and turned over.
     front_from_rect = Pose(np.diag([-1.0, 1.0, -1.0]), np.zeros(3)) if view.back else Pose.identity()
     answer = solve_points(
@@ -173,45 +266,53 @@ def _alone(view: View, prior: LensPrior, points: Floats) -> Solution:
         sigma=view.expected_sigma,
         principal_point_sigma=prior.sigma[1] if prior.held[1] else _USUAL_CENTRE * prior.side,
     )
-    return replace(answer, camera_from_rect=answer.camera_from_rect @ front_from_rect)
+    return _Alone(float(answer.focal), float(answer.focal_sigma), float(answer.chi2), Reason(int(answer.reason)))
 
 
-def _likeliest_readings(
-    views: Sequence[View], prior: LensPrior
-) -> tuple[list[View], tuple[int, ...], list[Solution]]:
-    """Each View under the reading that fits best, which that is, and what it gives alone; the first reading where
-    others are no better than noise makes them."""
-    taken, numbers, alone = [], [], []
-    for view in views:
-        answers = [_alone(view, prior, points) for points in view.readings]
-        fits = [float(answer.chi2) if np.isfinite(answer.chi2) else np.inf for answer in answers]
-        if not np.isfinite(fits).any():
-            where = f"the View of {view.rectangle!r}" + (f" in camera {view.camera!r}" if view.camera else "")
-            raise QuadrigError(f"{where}: {REASON_WORDS[Reason(int(answers[0].reason))]}")
-        best = int(np.argmin(fits))
-        # Less than one unit of chi2 is what noise does to a reading that is as good.
-        best = 0 if fits[0] < fits[best] + 1 else best
-        taken.append(replace(view, points=view.readings[best], alternatives=()))
-        numbers.append(best)
-        alone.append(answers[best])
-    return taken, tuple(numbers), alone
+def _alone_as_fisheye(view: View, prior: LensPrior, points: Floats) -> _Alone:
+    """The focal under which a lens that bends as fisheyes do in the mean has the best pose, in closed form."""
+    usual = usual_focal(np.array([prior.side]), ["fisheye"])
+    focals = usual * _FISHEYE_FOCALS if prior.focal is None else np.array([prior.focal])
+    lenses = prior.classes(focals).moments()[0]
+    lenses[:, 0] = focals
+    rays = unproject(lenses[:, None], view.pixels, "fisheye")
+    errors = focals * planar_poses(points, rays).errors.min(axis=-1)
+    best = int(np.argmin(errors))
+    chi2 = len(points) * float(errors[best] / view.expected_sigma) ** 2
+    reason = Reason.OK if np.isfinite(chi2) else Reason.FOCAL_UNKNOWABLE
+    return _Alone(float(focals[best]), _FISHEYE_STEP * float(focals[best]), chi2, reason)
 
 
-def _focals(alone: Sequence[Solution]) -> list[float]:
+def _focals(alone: Sequence[_Alone]) -> list[float]:
     """The focal of all Views, each weighed as it knows it by itself; none where no View does."""
-    inverse = np.array([1 / float(answer.focal) for answer in alone])
-    weight = np.array([(float(answer.focal) ** 2 / float(answer.focal_sigma)) ** 2 for answer in alone])
+    inverse = np.array([1 / one.focal for one in alone])
+    weight = np.array([(one.focal**2 / one.sigma) ** 2 for one in alone])
     weight = np.where(np.isfinite(weight * inverse), weight, 0.0)
     return [float(weight.sum() / (weight * inverse)[weight > 0].sum())] if weight.sum() > 0 else []
 
 
-def _calibration(
-    views: Sequence[View], stacked: LensViews, readings: tuple[int, ...], prior: LensPrior, found: LensEstimate
-) -> Calibration:
-    lens = Intrinsics.centred(*prior.image_size, 1.0).with_parameters(found.lens)
-    noise = found.noise * float(np.sqrt(np.mean([view.expected_sigma**2 for view in views])))
+def _is_bent(found: LensEstimate) -> bool:
+    """Whether the sheet would have to be bent as hardly any is."""
+    return bool(np.abs(found.shape).max() > _BENT)
+
+
+def _misses(found: LensEstimate) -> bool:
+    """Whether no lens fits: a sum of squares that is no noise."""
+    return found.chi2 > _MISFIT * (found.freedom + EXPECTED_WEIGHT)
+
+
+def _calibration(solved: _Solved) -> Calibration:
+    views, readings, stacked, prior, found = (
+        solved.views,
+        solved.readings,
+        solved.stacked,
+        solved.prior,
+        solved.found,
+    )
+    lens = Intrinsics.centred(*prior.image_size, 1.0, prior.model).with_parameters(found.lens)
+    noise = found.noise * _expected_noise(views)
     relative = float(np.sqrt(found.lens_covariance[0, 0])) / lens.focal
-    knowable = prior.focal is not None or relative < UNKNOWN_FOCAL
+    knowable = prior.focal is not None or (relative < UNKNOWN_FOCAL and not _misses(found))
     twins = _twins(views[0], lens, found.camera_from_rects[0], noise) if len(views) == 1 else None
     residuals = tuple(rows[: len(view.pixels)] for rows, view in zip(found.residuals, views, strict=True))
     square = np.concatenate([(r**2).sum(axis=-1) for r in residuals])
@@ -234,11 +335,15 @@ def _calibration(
 
 
 def _twins(view: View, lens: Intrinsics, camera_from_rect: Pose, noise: float) -> Twins:
-    """Both tilts at the lens found, from pixels freed of its distortion."""
+    """Both tilts at the lens found, from pixels freed of its distortion: of a pinhole that looks where the camera
+    does, or, since a fisheye's rays may lie past any plane, at the rectangle."""
     rays = lens.unproject(view.pixels)
+    towards = np.eye(3) if lens.model == "pinhole" else rotation_to(np.nansum(rays, axis=0))
+    rays, turned = rays @ towards, Pose(towards.T, np.zeros(3))
     with np.errstate(all="ignore"):
         straight = lens.focal * rays[:, :2] / rays[:, 2:] + lens.principal_point
-    return twin_poses(view.points, straight, lens.focal, lens.principal_point, camera_from_rect, noise)
+    found = twin_poses(view.points, straight, lens.focal, lens.principal_point, turned @ camera_from_rect, noise)
+    return replace(found, camera_from_rect=Pose(towards, np.zeros(3)) @ found.camera_from_rect)
 
 
 def _notes(
@@ -254,18 +359,19 @@ def _notes(
     for view, reading in zip(views, readings, strict=True):
         if reading:
             notes.append(f"{view.rectangle!r} was read rotated: reading {reading + 1} of its corners fits best")
-    if found.chi2 > _MISFIT * (found.freedom + EXPECTED_WEIGHT):
+    if _misses(found):
         notes.append(
             f"the points miss a rectangle of this size by {found.noise:.1f} times their noise: {_CHECK}; the sigmas "
             "say too little"
         )
-    elif (bent := float(np.abs(found.shape).max())) > _BENT:
+    elif _is_bent(found):
         notes.append(
-            f"only a sheet bent {bent:.0f} times as far as sheets usually are explains these points: {_CHECK}"
+            f"only a sheet bent {np.abs(found.shape).max():.0f} times as far as sheets usually are explains these "
+            f"points: {_CHECK}"
         )
     elif found.unusual > _UNUSUAL:
         notes.append(f"only a rare lens, or a part of another picture, explains these points: {_CHECK}")
-    if prior.focal is None:
+    if prior.focal is None and not _misses(found):
         notes += _focal_notes(stacked, prior, found, relative)
     if twins is not None and twins.log_likelihood_ratio < _SURE_OF_TILT:
         notes.append(

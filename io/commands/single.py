@@ -15,7 +15,7 @@ from quadrig.io.report.single import json_report, text_report
 from quadrig.io.search.plain_sights import sight_sentence
 from quadrig.rig.words import read_length
 from quadrig.single.arrays import Picture
-from quadrig.single.calibration import Distortion, calibrate_view
+from quadrig.single.calibration import Distortion, Model, calibrate_view
 from quadrig.single.detect.image_search import detect_views
 from quadrig.single.detect.pictures import grey_image
 from quadrig.single.errors import QuadrigError
@@ -74,6 +74,9 @@ def single(
         Distortion,
         typer.Option(help="Which terms the lens may have: none, k1, 'k1 k2', or auto: all real lenses do."),
     ] = "auto",
+    model: Annotated[
+        Model, typer.Option(help="pinhole, fisheye, or auto: a fisheye where a pinhole misses what it meets.")
+    ] = "auto",
     sigma: Annotated[
         float | None,
         typer.Option(help="Standard deviation of a corner, px, as far as it is known; else as detected."),
@@ -113,6 +116,7 @@ def single(
         principal_point=None if principal_point is None else np.array(_point(principal_point, "--principal-point")),
         principal_point_sigma=principal_point_sigma,
         distortion=distortion,
+        model=model,
     )
     if save is not None:
         from quadrig.io.viewer.single import save_calibration

@@ -7,6 +7,7 @@ import numpy as np
 from quadrig.io.formats.rig_json import json_text
 from quadrig.single.arrays import Floats
 from quadrig.single.calibration import Calibration
+from quadrig.single.lens import DISTORTION_NAMES
 from quadrig.single.rectangle import Rectangle
 from quadrig.single.rotation import angles_from_rotation
 from quadrig.single.solve.corners import Reason
@@ -23,13 +24,12 @@ def text_report(
     sigmas = paper_sigmas(calibration.covariance(), calibration.camera_from_rects[0])
     angles = np.degrees(np.array(angles_from_rotation(pose.rotation)))
     centre, centre_sigma = lens.principal_point, np.sqrt(np.diag(calibration.lens_covariance)[1:3])
-    (k1, k2), bend_sigma = lens.distortion[:2], np.sqrt(np.diag(calibration.lens_covariance)[3:5])
     rows = [
         ("picture", f"{name}, {lens.width} x {lens.height}"),
         ("rectangle", f"{rectangle.name}, {rectangle.width:g} x {rectangle.height:g} m, {len(view.pixels)} points"),
         ("focal", _focal_line(calibration)),
         ("principal point", f"{centre[0]:.1f}, {centre[1]:.1f} px +- {centre_sigma[0]:.1f}, {centre_sigma[1]:.1f}"),
-        ("distortion", f"k1 {k1:.3f}, k2 {k2:.3f} +- {_list(bend_sigma, 3)}" if k1 or k2 else "none"),
+        ("lens", _lens_line(calibration)),
         ("camera at", f"{_list(pose.translation, 4)} m +- {_list(sigmas[:3], 4)}"),
         ("theta x y z", f"{_list(angles, 2)} degrees +- {_list(np.degrees(sigmas[3:6]), 2)}"),
         ("distance, tilt", f"{np.linalg.norm(pose.translation):.3f} m, {_tilt(calibration):.1f} degrees"),
@@ -41,13 +41,24 @@ def text_report(
     return "\n".join(lines)
 
 
+def _lens_line(calibration: Calibration) -> str:
+    """The model with its larger coefficients: of a fisheye all four, of a pinhole the two that pictures show."""
+    lens = calibration.intrinsics
+    names = DISTORTION_NAMES[lens.model][: 4 if lens.model == "fisheye" else 2]
+    values, sigmas = lens.distortion[: len(names)], np.sqrt(np.diag(calibration.lens_covariance)[3 : 3 + len(names)])
+    if not values.any():
+        return f"{lens.model}, no distortion"
+    bends = ", ".join(f"{name} {value:.3f}" for name, value in zip(names, values, strict=True))
+    return f"{lens.model}, {bends} +- {_list(sigmas, 3)}"
+
+
 def _focal_line(calibration: Calibration) -> str:
     focal, sigma = calibration.intrinsics.focal, calibration.focal_sigma
     if sigma == 0:
         return f"{focal:.1f} px (given)"
     low, high = calibration.focal_interval
     if calibration.reason == Reason.FOCAL_UNKNOWABLE:
-        return f"cannot be determined from this picture; taken as {focal:.0f} px, from what lenses usually have"
+        return f"cannot be determined from this picture; taken as {focal:.0f} px"
     return f"{focal:.1f} px +- {sigma:.1f} ({percent(sigma / focal)}); 95 %: {low:.0f} to {high:.0f} px"
 
 
@@ -76,6 +87,7 @@ def json_report(
         "focal_interval_px": calibration.focal_interval,
         "principal_point": lens.principal_point,
         "camera_matrix": lens.camera_matrix,
+        "model": lens.model,
         "distortion": lens.distortion,
         "rect_from_camera": pose.matrix(),
         "theta_deg": np.degrees(np.array(angles_from_rotation(pose.rotation))),

@@ -12,7 +12,7 @@ import numpy as np
 
 from quadrig.single.arrays import Floats, Ints, Mask
 from quadrig.single.errors import QuadrigError
-from quadrig.single.lens import unproject
+from quadrig.single.lens import LensModel, unproject
 from quadrig.single.lens_prior import LensClasses, lens_classes, usual_focal
 from quadrig.single.pose import Pose
 from quadrig.single.posterior.lens_fit import (
@@ -26,6 +26,7 @@ from quadrig.single.posterior.lens_fit import (
 )
 from quadrig.single.posterior.noise import EXPECTED_WEIGHT, noise_of
 from quadrig.single.posterior.tilt_prior import log_tilt_density
+from quadrig.single.solve.corners import REASON_WORDS, Reason
 from quadrig.single.solve.planar_pose import planar_poses
 
 # Focals to begin from beside those of the corners, as shares of the usual one: from a wide lens to a long one.
@@ -47,13 +48,14 @@ _NOISE_NODES, _NOISE_WEIGHTS = np.polynomial.hermite_e.hermegauss(5)
 @dataclass(frozen=True, eq=False)
 class LensPrior:
     """What is known of a lens before its Views: size of its pictures, px; focal where it is given; held (9,): which
-    parameters are known to be those of lens (9,), to a sigma (9,)."""
+    parameters are known to be those of lens (9,), to a sigma (9,); its model."""
 
     image_size: tuple[int, int]
     focal: float | None
     held: Mask
     lens: Floats
     sigma: Floats
+    model: LensModel = "pinhole"
 
     @property
     def fixed(self) -> Mask:
@@ -70,7 +72,7 @@ class LensPrior:
         every = lens_classes(
             [self.image_size] * len(focal),
             focal,
-            ["pinhole" for _ in focal],
+            [self.model for _ in focal],
             own_focals=True,
             cropped=not self.held[1],
         )
@@ -149,7 +151,7 @@ def _modes(views: LensViews, prior: LensPrior, first_focals: Sequence[float]) ->
     the best of them; and its degrees of freedom."""
     focals = np.array([prior.focal])
     if prior.focal is None:
-        usual = usual_focal(np.array([prior.side]), ["pinhole"])
+        usual = usual_focal(np.array([prior.side]), [prior.model])
         focals = np.concatenate([usual * _FIRST_FOCALS, np.asarray(first_focals, float)])
     mean, information = prior.classes(focals).gaussian()
     lens = mean.copy()
@@ -167,7 +169,7 @@ def _modes(views: LensViews, prior: LensPrior, first_focals: Sequence[float]) ->
     cost = fits.chi2 + np.einsum("mi,mij,mj->m", off, information, off)
     best = int(np.argmin(np.where(np.isfinite(cost), cost, np.inf)))
     if not np.isfinite(cost[best]):
-        raise QuadrigError("no camera fits these points; check that they belong to this rectangle")
+        raise QuadrigError(REASON_WORDS[Reason.NO_CONVERGENCE])
     own = fits.likelihood().information[best]
     shown = float(np.trace(np.linalg.solve(own + information[best], own)))
     freedom = max(views.coordinates - 6 * len(views.sigma) - shown, 0.0)
@@ -179,7 +181,7 @@ def _both_poses(views: LensViews, lens: Floats) -> tuple[Pose, Floats]:
     PlanarPoses has them."""
     # A pixel past the fold of a lens has no ray: one without distortion is near enough to begin from.
     undistorted = np.where(np.arange(9) < 3, lens, np.arange(9) == 8)
-    rays, plain = (unproject(at[:, None, None], views.pixels) for at in (lens, undistorted))
+    rays, plain = (unproject(at[:, None, None], views.pixels, views.model) for at in (lens, undistorted))
     found = planar_poses(views.points, np.where(np.isfinite(rays), rays, plain), views.seen.astype(float))
     return found.camera_from_rect, found.errors
 
@@ -211,7 +213,7 @@ def _nodes(prior: LensPrior, modes: LensFits, information: Floats) -> Floats:
         return np.array([prior.focal])
     focal = modes.lens[:, 0]
     sigma = np.sqrt(np.linalg.inv(modes.likelihood().information + information)[:, 0, 0]) / focal
-    usual = np.log(usual_focal(np.array([prior.side]), ["pinhole"])[0])
+    usual = np.log(usual_focal(np.array([prior.side]), [prior.model])[0])
     nodes = list(usual + _COARSE_NODES)
     # The sharpest mode's nodes are not to be crowded out by those of another.
     for m in np.argsort(-sigma):
@@ -226,7 +228,8 @@ def _components(views: LensViews, prior: LensPrior, modes: LensFits, focals: Flo
     nearest = np.abs(np.log(focals)[:, None] - np.log(modes.lens[:, 0])).argmin(axis=1)
     start = modes.lens[nearest].copy()
     # The same bend in the picture.
-    start[:, [3, 4, 7]] *= (focals / start[:, 0])[:, None] ** np.array([2.0, 4.0, 6.0])
+    units = [prior.classes(at).unit[:, 3:8] for at in (focals, start[:, 0])]
+    start[:, 3:8] *= units[0] / units[1]
     start[:, 0] = focals
     free = ~prior.fixed & (np.arange(9) > 0)
     classes, start_poses = prior.classes(focals).at_focals(focals)[1], _both_poses(views, start)[0][:, :, 0]
@@ -294,6 +297,8 @@ def _posterior(
     evidence = [_log_evidence(views, fits, one, noise, float(scale)) for one, scale in zip(seen, scales, strict=True)]
     log += np.stack(evidence, axis=1) + np.log(_NOISE_WEIGHTS) + _NOISE_NODES**2 / 2
     log = np.where(np.isfinite(log), log, -np.inf)
+    if not np.isfinite(log).any():
+        raise QuadrigError(REASON_WORDS[Reason.NO_CONVERGENCE])
     weight = np.exp(log - log.max())
     density = np.asarray(np.bincount(node, weight.sum(axis=1), len(focals)), float)
     quantiles, width = _quantiles(focals, density)
@@ -325,7 +330,8 @@ def _log_evidence(views: LensViews, fits: LensFits, seen: LensLikelihood, noise:
     log = seen.log - (views.coordinates - 6 * count) * np.log(scale)
     log = log + 0.5 * np.linalg.slogdet(fits.pose_covariance)[1].sum(axis=1)
     # A sheet may be anywhere in the picture and of any size in it, whatever the focal.
-    depth = fits.camera_from_rects.translation[..., 2]
+    place = fits.camera_from_rects.translation
+    depth = place[..., 2] if views.model == "pinhole" else np.linalg.norm(place, axis=-1)
     with np.errstate(invalid="ignore", divide="ignore"):
         log -= 3 * np.log(depth).sum(axis=1) - 2 * count * np.log(fits.lens[:, 0])
     log += log_tilt_density(fits.camera_from_rects, scale**2 * fits.pose_covariance[..., :3, :3])

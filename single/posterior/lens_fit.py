@@ -9,7 +9,7 @@ from quadrig.single.arrays import Floats, Ints, Mask
 from quadrig.single.common_error import stacked_common, whitened
 from quadrig.single.damping import MOST_DAMPING, Damping, gain
 from quadrig.single.errors import QuadrigError
-from quadrig.single.lens import project_with_derivatives
+from quadrig.single.lens import LensModel, project_with_derivatives
 from quadrig.single.pose import Pose
 from quadrig.single.rotation import cross_matrix
 from quadrig.single.view import View
@@ -28,7 +28,8 @@ _BEND = 0.0014
 class LensViews:
     """V Views of up to P points: points (V, P, 3) metres, pixels (V, P, 2), seen (V, P) where they are no padding,
     sigma (V) px; common (V, P, 2): what the pixels of a View share, over sigma; bends (V, P, S): by how much one
-    sigma of each of S numbers, the shapes of the rectangles, lifts a point off its plane, m."""
+    sigma of each of S numbers, the shapes of the rectangles, lifts a point off its plane, m; model: of the lens that
+    took them."""
 
     points: Floats
     pixels: Floats
@@ -36,6 +37,7 @@ class LensViews:
     sigma: Floats
     common: Floats
     bends: Floats
+    model: LensModel = "pinhole"
 
     @property
     def coordinates(self) -> int:
@@ -119,8 +121,8 @@ def joined(parts: Sequence[LensFits]) -> LensFits:
     return LensFits(camera_from_rects=pose, **arrays)
 
 
-def stacked_views(views: Sequence[View]) -> LensViews:
-    """The Views in one block, their pixels padded to the same number."""
+def stacked_views(views: Sequence[View], model: LensModel = "pinhole") -> LensViews:
+    """The Views in one block, their pixels padded to the same number. model: of their lens."""
     most = max(len(view.pixels) for view in views)
     points, pixels = np.zeros((len(views), most, 3)), np.zeros((len(views), most, 2))
     seen = np.zeros((len(views), most), bool)
@@ -130,7 +132,8 @@ def stacked_views(views: Sequence[View]) -> LensViews:
         seen[row, :count] = known
     sigma = np.array([view.expected_sigma for view in views])
     common = stacked_common([view.common for view in views], sigma, most) * seen[..., None]
-    return LensViews(points, pixels, seen, sigma, common, _bends([view.rectangle for view in views], points, seen))
+    bends = _bends([view.rectangle for view in views], points, seen)
+    return LensViews(points, pixels, seen, sigma, common, bends, model)
 
 
 def _bends(names: Sequence[str], points: Floats, seen: Mask) -> Floats:
@@ -188,7 +191,7 @@ def fits_at(views: LensViews, lens: Floats, shape: Floats, camera_from_rects: Po
 def residuals_of(views: LensViews, lens: Floats, shape: Floats, camera_from_rects: Pose) -> Floats:
     """Residuals (V, P, 2) px of one lens (9,) and shape (S,); zero where there is no point."""
     located = _bent(views, shape) @ np.swapaxes(camera_from_rects.rotation, -1, -2)
-    seen, _, _ = project_with_derivatives(lens, located + camera_from_rects.translation[:, None])
+    seen, _, _ = project_with_derivatives(lens, located + camera_from_rects.translation[:, None], views.model)
     return np.where(views.seen[..., None], views.pixels - seen, 0.0)
 
 
@@ -250,7 +253,7 @@ class _Rows:
 def _linearised(views: LensViews, numbers: Floats, poses: Pose) -> _Rows:
     rotated = _bent(views, numbers[:, 9:]) @ np.swapaxes(poses.rotation, -1, -2)
     pixels, by_lens, by_point = project_with_derivatives(
-        numbers[:, None, None, :9], rotated + poses.translation[..., None, :]
+        numbers[:, None, None, :9], rotated + poses.translation[..., None, :], views.model
     )
     by_lift = by_point @ poses.rotation[:, :, None, :, 2:]
     scale = np.where(views.seen, 1 / views.sigma[:, None], 0.0)[..., None, None]

@@ -41,7 +41,7 @@ def planar_poses(points: Floats, rays: Floats, weights: Floats | None = None) ->
     given = np.where(np.isfinite(rays).all(axis=-1), given, 0.0)
     rays = np.where(given[..., None] > 0, rays, 0.0)
     # A camera turned towards the middle of the points has all of them in front, wherever the lens saw them.
-    towards = _rotation_to((rays * given[..., None]).sum(axis=-2))
+    towards = rotation_to((rays * given[..., None]).sum(axis=-2))
     turned = rays @ towards
     weights = np.where(turned[..., 2] > _GRAZING, given, 0.0)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -85,7 +85,7 @@ def _rotations(homography: Floats) -> Floats:
     h = homography / homography[..., 2:, 2:]
     middle = h[..., :2, 2]
     slope = h[..., :2, :2] - middle[..., :, None] * h[..., 2:, :2]
-    towards = _rotation_to(np.concatenate([middle, np.ones((*middle.shape[:-1], 1))], axis=-1))
+    towards = rotation_to(np.concatenate([middle, np.ones((*middle.shape[:-1], 1))], axis=-1))
     local = towards[..., :2, :2] - middle[..., :, None] * towards[..., 2:, :2]
     scaled = np.linalg.solve(local, slope)
     gram = scaled @ np.swapaxes(scaled, -1, -2)
@@ -105,7 +105,7 @@ def _rotations(homography: Floats) -> Floats:
     return np.stack(candidates, axis=-3)
 
 
-def _rotation_to(direction: Floats) -> Floats:
+def rotation_to(direction: Floats) -> Floats:
     """The smallest rotation (..., 3, 3) that takes the optical axis to a direction (..., 3) of any length."""
     length = np.linalg.norm(direction, axis=-1, keepdims=True)
     ray = np.where(length > 0, direction / np.where(length > 0, length, 1.0), [0.0, 0.0, 1.0])

@@ -35,7 +35,9 @@ class Twins:
     @property
     def log_likelihood_ratio(self) -> Floats:
         """By how much (...) the first is preferred: ln of its likelihood over its twin's."""
-        return 0.5 * (self.chi2[..., 1] - self.chi2[..., 0])
+        # Where neither is a pose at all, nothing is preferred.
+        with np.errstate(invalid="ignore"):
+            return 0.5 * (self.chi2[..., 1] - self.chi2[..., 0])
 
     @property
     def certainty(self) -> Floats:

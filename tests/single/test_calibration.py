@@ -1,5 +1,7 @@
 """One View or several to a lens with its distortion, and the words on what limits it."""
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
@@ -275,3 +277,43 @@ def test_microsofts_views_alone_and_together(shared_data):
     for view in views:
         one = calibrate_view(view, (640, 480), distortion="k1 k2", principal_point_sigma=30.0)
         assert abs(one.intrinsics.focal - 832.5) < 4 * one.focal_sigma
+
+
+def cube_view(folder, frameset, board):
+    """One board of the cube in a training picture: points (P, 3) with y down, and pixels."""
+    points, seen, number = {}, [], -1
+    for line in (folder / "boards.dsc").read_text().splitlines():
+        fields = line.split(",")
+        number = int(fields[0]) if len(fields) == 4 else number
+        if len(fields) == 6 and number == board:
+            points[len(points)] = [float(fields[3]) / 100, -float(fields[4]) / 100, 0.0]
+    for line in sorted((folder / "train").glob("*.orpc"))[frameset].read_text().splitlines():
+        fields = line.split(",")
+        if len(fields) == 5 and int(fields[0]) == board:
+            seen.append((points[int(fields[1])], [float(fields[3]), float(fields[4])]))
+    located, pixels = (np.array(part) for part in zip(*seen, strict=True))
+    located[:, :2] -= (located[:, :2].min(axis=0) + located[:, :2].max(axis=0)) / 2
+    return View("board", located, pixels, sigma=0.2)
+
+
+@pytest.mark.parametrize(("frameset", "board"), [(5, 0), (7, 4)])
+def test_a_fisheye_is_found_in_one_picture(shared_data, frameset, board):
+    """Real boards through a lens of 180 degrees, whose focal is 350 to 351 px: few corners, or near
+    the edge, where no pinhole sees. A pinhole that has to be says that it cannot tell."""
+    view = cube_view(shared_data / "cube", frameset, board)
+    found = calibrate_view(view, (1280, 800))
+    assert found.intrinsics.model == "fisheye"
+    assert found.rms < 0.3
+    assert abs(found.intrinsics.focal - 350.5) < 3 * found.focal_sigma + 0.5
+    assert found.focal_sigma < 0.03 * 350
+    blind = calibrate_view(view, (1280, 800), model="pinhole")
+    assert blind.reason == Reason.FOCAL_UNKNOWABLE
+    assert blind.focal_interval[1] == np.inf
+
+
+def test_a_pinhole_with_a_board_of_the_wrong_size_is_no_fisheye():
+    """What neither model meets is called neither: a board half as high as it is said to be."""
+    rng = np.random.default_rng(4)
+    [view] = board_views(rng, LENS, count=1)
+    wrong = calibrate_view(replace(view, points=view.points * [1.0, 2.0, 1.0]), SIZE)
+    assert wrong.intrinsics.model == "pinhole"
