@@ -18,7 +18,7 @@ from quadrig.single.detect.board_corners import (
 )
 from quadrig.single.detect.dictionaries import tag_cells
 from quadrig.single.rectangle import FoundTags, TagFamily
-from quadrig.single.subpixel.corner_fit import fit_corners
+from quadrig.single.subpixel.corner_fit import SHARP, CornerFit, fit_corners
 from quadrig.single.subpixel.local_homography import local_homographies, mapped
 from quadrig.single.subpixel.tone import LightImage, Tone
 
@@ -73,11 +73,11 @@ def find_board(grey: Picture, board: TaggedBoard, found: FoundTags) -> FoundCorn
     if not len(tags):
         return None
     places, axes, trusted = _predict(board, tags.reshape(-1, 2), pixels.reshape(-1, 2), grey.shape, _BESIDE)
-    light = LightImage(grey)
-    pixels_found, sigma, good, tone = _fit(light, board, places, axes, trusted)
-    if tone is not None:
-        light = LightImage(grey, tone)
-        pixels_found, sigma, good, _ = _fit(light, board, places, axes, trusted)
+    light, blur = LightImage(grey), 0.0
+    pixels_found, sigma, good, better = _fit(light, blur, board, places, axes, trusted)
+    if better is not None:
+        light, blur = LightImage(grey, better[0]), better[1]
+        pixels_found, sigma, good, _ = _fit(light, blur, board, places, axes, trusted)
     for _ in range(_ROUNDS):
         good[good] = _on_one_plane(board.corners[good], pixels_found[good])
         if np.count_nonzero(good) < 4:
@@ -86,7 +86,7 @@ def find_board(grey: Picture, board: TaggedBoard, found: FoundTags) -> FoundCorn
         near &= ~good
         if not near.any():
             break
-        again, sigma_again, good_again, _ = _fit(light, board, places, axes, near)
+        again, sigma_again, good_again, _ = _fit(light, blur, board, places, axes, near)
         pixels_found[good_again], sigma[good_again] = again[good_again], sigma_again[good_again]
         good |= good_again
     good &= _smooth(board, pixels_found, good)
@@ -216,14 +216,15 @@ def _predict(
 
 
 def _fit(
-    light: LightImage, board: TaggedBoard, places: Floats, axes: Floats, wanted: Mask
-) -> tuple[Floats, Floats, Mask, Tone | None]:
-    """Corners (P, 2), sigma (P,), which (P,) of the wanted ones are sure, and the tone that would suit better."""
+    light: LightImage, blur: float, board: TaggedBoard, places: Floats, axes: Floats, wanted: Mask
+) -> tuple[Floats, Floats, Mask, tuple[Tone, float] | None]:
+    """Corners (P, 2), sigma (P,), which (P,) of the wanted ones are sure, and the tone and blur (px) that would suit
+    better."""
     pixels, sigma, good = places.copy(), np.full(len(places), np.inf), np.zeros(len(places), bool)
     index = np.flatnonzero(wanted)
     if not len(index):
         return pixels, sigma, good, None
-    fit = fit_corners(light, places[index], axes[index], corner_window(axes[index]), board.clear)
+    fit = fit_corners(light, places[index], axes[index], corner_window(axes[index]), board.clear, blur)
     shift = fit.pixels - places[index]
     far = np.linalg.norm(shift, axis=1)
     again = np.flatnonzero(far > RECENTRE)
@@ -231,14 +232,20 @@ def _fit(
         # The window follows the corner, a few pixels at most, so that it holds the four squares evenly.
         here = places[index[again]] + shift[again] * np.minimum(1, 4 / far[again, None])
         own_axes = axes[index[again]]
-        fit = fit.changed(again, fit_corners(light, here, own_axes, corner_window(own_axes), board.clear))
+        fit = fit.changed(again, fit_corners(light, here, own_axes, corner_window(own_axes), board.clear, blur))
     side = np.linalg.norm(axes[index], axis=2).min(axis=1)
     moved = np.linalg.norm(fit.pixels - places[index], axis=1)
     sure = good_corners(fit) & alike_corners(fit) & (moved < np.maximum(1.5, 0.2 * side))
     sure &= np.sign(fit.contrast) == board.signs[index]
     pixels[index], good[index] = fit.pixels, sure
     sigma[index] = np.hypot(fit.sigma, leak(axes[index], fit.blur))
-    return pixels, sigma, good, better_tone(fit, sure)
+    return pixels, sigma, good, _better(light, fit, sure)
+
+
+def _better(light: LightImage, fit: CornerFit, sure: Mask) -> tuple[Tone, float] | None:
+    """Tone and blur (px) by corners that are sure, fitted in those of a usual sharp picture; None where these do."""
+    tone, blur = better_tone(fit, sure), float(np.median(fit.blur[sure])) if sure.any() else 0.0
+    return None if tone is None and blur < SHARP else (tone or light.tone, blur)
 
 
 def _smooth(board: TaggedBoard, pixels: Floats, good: Mask) -> Mask:

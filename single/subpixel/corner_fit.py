@@ -21,6 +21,12 @@ from quadrig.single.subpixel.blurred_step import (
 )
 from quadrig.single.subpixel.tone import LightImage, Tone, gamma_evidence
 
+# px, and blurs, that stay clear between what is used around a corner and print beyond; px beside its lines that are
+# used all the same.
+_LEAST_CLEAR, _CLEAR_OF_BLUR = 1.2, 1.5
+SHARP = _LEAST_CLEAR / _CLEAR_OF_BLUR
+"""Blur, px, below which it takes away nothing of what is used around a corner."""
+
 
 @dataclass(frozen=True, eq=False)
 class CornerFit:
@@ -44,12 +50,19 @@ class CornerFit:
         return CornerFit(*(whole for whole, _ in parts))
 
 
-def fit_corners(image: LightImage, pixels: Floats, axes: Floats, radius: Floats, clear: float = np.inf) -> CornerFit:
+def fit_corners(
+    image: LightImage,
+    pixels: Floats,
+    axes: Floats,
+    radius: Floats,
+    clear: float = np.inf,
+    blur: float = 0.0,
+) -> CornerFit:
     """Fit corners where four squares of a board meet, near pixels (N, 2).
 
     axes (N, 2, 2): px that one square's side spans along the board's columns and along its rows at each corner.
     radius (N,): px around the corner to use. clear: share of a square's side around each of the board's lines that is
-    free of print (ChArUco boards have tags in the white squares).
+    free of print (ChArUco boards have tags in the white squares). blur: px, as far as known.
     """
     wide = int(np.ceil(np.max(radius, initial=1.0))) + 1
     steps = np.arange(-wide, wide + 1)
@@ -61,9 +74,10 @@ def fit_corners(image: LightImage, pixels: Floats, axes: Floats, radius: Floats,
     square = np.linalg.inv(np.swapaxes(axes, 1, 2))
     board = places @ np.swapaxes(square, 1, 2)
     weight = valid * np.clip(radius[:, None] + 0.5 - np.linalg.norm(places, axis=-1), 0, 1)
-    # One more pixel stays clear for the blur of the tags' edges.
-    pixel = 1.2 / np.min(np.linalg.norm(axes, axis=2), axis=1)[:, None]
-    weight = weight * ~((np.abs(board) > np.maximum(clear - pixel, pixel)[..., None]).all(axis=-1))
+    # So much more stays clear for the blur of the tags' edges.
+    pixel = np.array([max(_LEAST_CLEAR, _CLEAR_OF_BLUR * blur), _LEAST_CLEAR])
+    beside, least = pixel[:, None, None] / np.min(np.linalg.norm(axes, axis=2), axis=1)[:, None]
+    weight = weight * ~((np.abs(board) > np.maximum(clear - beside, least)[..., None]).all(axis=-1))
     places, weight = places.astype(np.float32), weight.astype(np.float32)
     return _corner_iterations(pixels, axes, places, light, weight, image.tone)
 
