@@ -6,7 +6,8 @@ grid: one line for each blur and tone curve at noise 2 and JPEG 90. mixed: blur 
 levels, gamma 1 to 2.6, JPEG 75 to 95, uneven light, drawn for each View. Shift: mean by which corners lie outside
 of where they are (px, as their edges do). Within: corners inside their 95 % region, common error included. OpenCV:
 its CharucoDetector and ArucoDetector, of an AprilGrid any tag.
-tables: blank sheets alone, on what they lie on: wood, cloth, light tables, in shadows, rounded, under a hand.
+tables: blank sheets alone, on what they lie on: wood, cloth, light tables, in shadows, rounded, under a hand, beside
+glare and lit patches of the table; of all kinds, or of those named last.
 """
 
 import sys
@@ -27,7 +28,7 @@ from quadrig.single.markings.circle_grid import CircleGridMarking
 from quadrig.single.markings.tag import TagMarking
 from quadrig.single.pose import Pose
 from quadrig.single.rectangle import Rectangle
-from quadrig.single.render.capture import FILM, LINEAR, SRGB, Capture, Hand, Shadow, ToneCurve
+from quadrig.single.render.capture import FILM, LINEAR, SRGB, Capture, Glare, Hand, Shadow, ToneCurve
 from quadrig.single.render.ground import fabric, wood
 from quadrig.single.render.picture import Sheet, ray_grid, render_image
 from quadrig.single.view import View
@@ -145,23 +146,46 @@ def on_a_table(kind: str, number: int) -> tuple[Picture, Pose]:
         angle = float(np.arctan2(inward[1], inward[0]) + rng.uniform(-0.4, 0.4))
         tip = spot + rng.uniform(10, 35) * np.array([np.cos(angle), np.sin(angle)])
         light["hands"] = (Hand((float(tip[0]), float(tip[1])), angle, float(rng.uniform(14, 22))),)
+    below = []
+    if kind == "glare":
+        spot, size = around(corners, rng), rng.uniform(15, 60, 2)
+        turn = np.linspace(0, 2 * np.pi, 24, endpoint=False)
+        outline = spot + size * np.stack([np.cos(turn), np.sin(turn)], axis=1)
+        ends = tuple((float(x), float(y)) for x, y in outline)
+        light["glares"] = (Glare(ends, float(rng.uniform(0.2, 1.2)), float(rng.uniform(1, 10))),)
+    if kind == "lit table":
+        # A lamp or window shines back from the table, not from the paper on it.
+        width, height = rng.uniform(0.04, 0.15, 2)
+        side = int(rng.integers(4))
+        ends = rectangle.corners[[side, (side + 1) % 4]]
+        middle = Pose.from_vectors(np.zeros(3), ends[0] + rng.uniform(-0.15, 0.5) * (ends[1] - ends[0]))
+        lit = Rectangle("lit", float(width), float(height), PlainMarking())
+        tone, round_by = float(rng.uniform(0.6, 1.3)), float(rng.choice([0.0, 0.02]))
+        below = [Sheet(lit, pose @ middle, tone=tone, margin=0.0, rounding=round_by)]
     capture = Capture(blur=rng.uniform(0.5, 1.2), noise=rng.uniform(1, 3), curve=SRGB, jpeg=90, **light)
     rounding = {"rounded 3 mm": 0.003, "rounded 8 mm": 0.008}.get(kind, 0.0)
-    sheets = [ground, Sheet(rectangle, pose, rounding=rounding)]
+    sheets = [ground, *below, Sheet(rectangle, pose, rounding=rounding)]
     image = render_image(GRID, Pose.identity(), sheets, capture=capture, samples=4, colour=False, rng=rng)
     return image, pose
 
 
+def around(corners: Floats, rng: np.random.Generator) -> Floats:
+    """A place (2,) px near the outline of corners (4, 2)."""
+    side = int(rng.integers(4))
+    spot = corners[side] + rng.uniform(-0.1, 0.5) * (corners[(side + 1) % 4] - corners[side])
+    return spot + rng.uniform(-5, 40) * (spot - corners.mean(axis=0)) / np.linalg.norm(spot - corners.mean(axis=0))
+
+
 TABLES = (
     *("plain", "wood", "cloth", "light table", "sharp shadow", "soft shadow"),
-    *("rounded 3 mm", "rounded 8 mm", "hand on edge", "hand on corner"),
+    *("rounded 3 mm", "rounded 8 mm", "hand on edge", "hand on corner", "glare", "lit table"),
 )
 
 
-def measure_tables(views: int) -> None:
+def measure_tables(views: int, kinds: Sequence[str]) -> None:
     """One line for each kind of table. Wrong: a corner more than 3 px off."""
     print(f"{'sheet on a table':24s} found   wrong   shift     rms   sigma  within   far  worst")
-    for kind in TABLES:
+    for kind in kinds:
         errors = []
         for number in range(views):
             image, pose = on_a_table(kind, number)
@@ -229,7 +253,7 @@ def summary(errors: Sequence[Error]) -> str:
 def main() -> None:
     """Render, search, print a line for each kind of picture."""
     if sys.argv[2:3] == ["tables"]:
-        measure_tables(int(sys.argv[3]) if len(sys.argv) > 3 else 20)
+        measure_tables(int(sys.argv[3]) if len(sys.argv) > 3 else 20, sys.argv[4:] or TABLES)
         return
     wanted = sys.argv[1] if len(sys.argv) > 1 else "all"
     mode = {"grid": grid, "mixed": mixed}[sys.argv[2] if len(sys.argv) > 2 else "grid"]

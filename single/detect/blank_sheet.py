@@ -26,6 +26,12 @@ _PRINT = 0.2
 # Where that is more, by a hand or a shadow: how much darker or lighter than the sheet neither is, and the shares of
 # the sheet that may be so, and that may lie at an edge of this share of the contrast.
 _INK, _INKED, _EDGE, _EDGES = 8.0, 0.05, 0.25, 0.15
+# Pieces of the sides before their first and after their last seen one that may show bare ground where the sheet
+# should end: as many as a hand of the ground's colour hides of rendered sheets.
+_BARE = 7
+# Share of the outline by which one sheet is seen better than another, and factor between how uneven they are within,
+# that decide which of two is meant, whatever their contrast.
+_BETTER_SEEN, _LESS_EVEN = 0.1, 1.5
 # A second sheet of this share of the first one's area makes the choice a guess.
 _RIVAL = 0.4
 # Standard deviation of log gamma that the profile of an edge of 1 px of blur cannot take away: a curve that is an S
@@ -42,12 +48,15 @@ _MODEL_SIGMA = 0.02
 @dataclass(frozen=True, eq=False)
 class FoundSheet:
     """A sheet in a picture: corners (4, 2) px, clockwise; sigma px of each coordinate, and the error (4, 2) px that
-    all corners share; contrast: grey levels of the faintest side."""
+    all corners share; contrast: grey levels of the faintest side; seen: share of the outline that shows it;
+    uneven: standard deviation of grey within over the contrast."""
 
     corners: Floats
     sigma: float
     common: Floats
     contrast: float
+    seen: float
+    uneven: float
 
 
 def find_blank_sheet(grey: Picture, middle: Floats) -> FoundSheet | None:
@@ -82,7 +91,10 @@ def _fit(grey: Picture, quad: Floats, middle: Floats) -> FoundSheet | None:
         # What the image's own edge cuts off has no corner there.
         return None
     contrast = float(np.abs(outline.fit.grey_contrast).min())
-    if not _one_sheet(sides) or contrast < _LEAST_CONTRAST or not _blank(grey, corners, contrast):
+    if not _one_sheet(sides) or contrast < _LEAST_CONTRAST:
+        return None
+    uneven = _unevenness(grey, corners, contrast)
+    if uneven is None:
         return None
     if outline.sigma.max() > _WORST_SIGMA:
         return None
@@ -92,7 +104,7 @@ def _fit(grey: Picture, quad: Floats, middle: Floats) -> FoundSheet | None:
         common *= max(1.0, most / max(float(np.linalg.norm(common, axis=1).mean()), 1e-6))
     sigma = np.hypot(outline.sigma[0], _MODEL_SIGMA)
     base, far = _far_corner(sides, sigma, common)
-    return FoundSheet(corners, base, far, contrast)
+    return FoundSheet(corners, base, far, contrast, float(sides.seen.mean()), uneven)
 
 
 def _far_corner(sides: Sides, sigma: Floats, common: Floats) -> tuple[float, Floats]:
@@ -117,8 +129,12 @@ def _shows_four(sides: Sides) -> bool:
     seen = sides.seen
     if (seen.mean(axis=1) < _SEEN).any() or seen.mean() < _SEEN_OF_ALL:
         return False
-    first, last = np.argmax(seen, axis=1), np.argmax(seen[:, ::-1], axis=1)
-    return bool(max(first.max(), last.max()) <= _FARTHEST * seen.shape[1])
+    if max(np.argmax(seen, axis=1).max(), np.argmax(seen[:, ::-1], axis=1).max()) > _FARTHEST * seen.shape[1]:
+        return False
+    # A bright patch beside a sheet ends in a line, too, but table lies where that would meet the sheet's own sides.
+    before = np.cumsum(seen, axis=1) == 0
+    after = np.cumsum(seen[:, ::-1], axis=1)[:, ::-1] == 0
+    return bool(np.count_nonzero(sides.bare & (before | after)) <= _BARE)
 
 
 def _one_sheet(sides: Sides) -> bool:
@@ -128,8 +144,9 @@ def _one_sheet(sides: Sides) -> bool:
     return bool(alike and not sides.goes_on.any())
 
 
-def _blank(grey: Picture, corners: Floats, contrast: float) -> bool:
-    """Whether what lies within is of one tone, but for a slow change of light, a shadow and a hand."""
+def _unevenness(grey: Picture, corners: Floats, contrast: float) -> float | None:
+    """How much grey varies within, over the contrast, but for a slow change of light; None where that is more than a
+    shadow and a hand would do."""
     size = 48
     inset = corners.mean(axis=0) + 0.92 * (corners - corners.mean(axis=0))
     unit = np.array([[0, 0], [size, 0], [size, size], [0, size]], np.float32)
@@ -140,20 +157,32 @@ def _blank(grey: Picture, corners: Floats, contrast: float) -> bool:
     y, x = np.mgrid[-1 : 1 : size * 1j, -1 : 1 : size * 1j]
     basis = np.stack([np.ones(size * size), x.ravel(), y.ravel()], axis=1)
     left = inside.ravel() - basis @ np.linalg.lstsq(basis, inside.ravel(), rcond=None)[0]
-    if float(np.std(left)) < _PRINT * contrast:
-        return True
+    uneven = float(np.std(left)) / contrast
+    if uneven < _PRINT:
+        return uneven
     light = USUAL_TONE.light(np.maximum(inside, 1))
     inked = np.abs(np.log(light / np.median(light))) > np.log(_INK)
     edges = np.hypot(*np.gradient(inside)) > _EDGE * contrast
-    return bool(inked.mean() < _INKED and edges.mean() < _EDGES)
+    return uneven if inked.mean() < _INKED and edges.mean() < _EDGES else None
 
 
 def _undisputed(fitted: list[FoundSheet]) -> FoundSheet | None:
-    """The largest sheet, if there is no other like it. Of two that share ground the one of clearer edges is meant."""
-    clear = [one for one in fitted if all(not _overlap(one, two) or two.contrast <= one.contrast for two in fitted)]
+    """The largest sheet, if there is no other like it. Of two that share ground the one is meant of which more is
+    seen, or that is more even, or whose edges are clearer."""
+    clear = [one for one in fitted if not any(_overlap(one, two) and _clearer(two, one) for two in fitted)]
+    if not clear:
+        return None
     largest = max(clear, key=_area)
     rival = any(one is not largest and _area(one) > _RIVAL * _area(largest) for one in clear)
     return None if rival else largest
+
+
+def _clearer(one: FoundSheet, other: FoundSheet) -> bool:
+    if abs(one.seen - other.seen) > _BETTER_SEEN:
+        return one.seen > other.seen
+    if max(one.uneven, other.uneven) > _LESS_EVEN * min(one.uneven, other.uneven):
+        return one.uneven < other.uneven
+    return one.contrast > other.contrast
 
 
 def _area(sheet: FoundSheet) -> float:

@@ -1,8 +1,8 @@
-"""What becomes of light between the world and the file: shadows, hands, the lens's blur, noise, tone curve, JPEG.
+"""What becomes of light between the world and the file: shadows, glare, hands, the lens's blur, noise, tone, codec.
 
-In the order in which it happens: uneven light and shadows fall on the scene, hands lie before it, the lens blurs and
-vignettes, the sensor adds noise, the camera's tone curve follows, then whole grey levels, then the codec. That the
-curve comes after blur and noise is what moves edges in real pictures: on linear light they would stay.
+In the order in which it happens: uneven light, shadows and glare fall on the scene, hands lie before it, the lens
+blurs and vignettes, the sensor adds noise, the camera's tone curve follows, then whole grey levels, then the codec.
+That the curve comes after blur and noise is what moves edges in real pictures: on linear light they would stay.
 """
 
 from collections.abc import Sequence
@@ -62,6 +62,16 @@ class Shadow:
 
 
 @dataclass(frozen=True)
+class Glare:
+    """A lamp or window that shines back in the picture: outline (K, 2) px as tuples, light that it adds, 1 for white,
+    and how softly it ends (sigma, px)."""
+
+    outline: tuple[tuple[float, float], ...]
+    light: float = 0.6
+    softness: float = 3.0
+
+
+@dataclass(frozen=True)
 class Hand:
     """A hand before the scene: the tip of its middle finger (px), the direction in which it points (radians from +x
     towards +y), the width of a finger (px)."""
@@ -75,10 +85,10 @@ class Hand:
 class Capture:
     """How a picture of linear light is taken; the default changes nothing but to whole grey levels.
 
-    blur: sigma of the lens's Gaussian, px (the sheets', shadows' and hands'; a room is soft already). noise: sigma of
-    the sensor's, in 255ths of white light, before the curve. exposure: white light of 1 gives 255 at 1. vignetting:
-    share of light lost in the corners. slope: share of light gained from the middle to the right and to the bottom
-    edge. jpeg: quality, or None for no compression.
+    blur: sigma of the lens's Gaussian, px (all but the room's, which is soft already). noise: sigma of the sensor's,
+    in 255ths of white light, before the curve. exposure: white light of 1 gives 255 at 1. vignetting: share of light
+    lost in the corners. slope: share of light gained from the middle to the right and to the bottom edge. jpeg:
+    quality, or None for no compression.
     """
 
     blur: float = 0.0
@@ -87,6 +97,7 @@ class Capture:
     vignetting: float = 0.0
     slope: tuple[float, float] = (0.0, 0.0)
     shadows: tuple[Shadow, ...] = ()
+    glares: tuple[Glare, ...] = ()
     hands: tuple[Hand, ...] = ()
     curve: ToneCurve = LINEAR
     jpeg: int | None = None
@@ -98,7 +109,9 @@ def take_picture(light: Singles, capture: Capture, rng: np.random.Generator | No
     Noise is drawn from rng; from seed 0 where None.
     """
     for shadow in capture.shadows:
-        light *= for_all_colours(1 - shadow.depth * _shadow_cover(light.shape, shadow, capture.blur), light)
+        light *= for_all_colours(1 - shadow.depth * _cover(light.shape, shadow, capture.blur), light)
+    for glare in capture.glares:
+        light += for_all_colours(glare.light * _cover(light.shape, glare, capture.blur), light)
     for hand in capture.hands:
         cover, tone = _hand_cover(light.shape, hand, capture.blur)
         light += for_all_colours(cover, light) * (for_all_colours(tone, light) - light)
@@ -130,10 +143,10 @@ def _illumination(shape: Sequence[int], capture: Capture) -> Singles:
     return np.broadcast_to(np.float32(capture.exposure) * light, (height, width))
 
 
-def _shadow_cover(shape: Sequence[int], shadow: Shadow, blur: float) -> Singles:
+def _cover(shape: Sequence[int], patch: Shadow | Glare, blur: float) -> Singles:
     cover = np.zeros((shape[0] * _FINE, shape[1] * _FINE), np.uint8)
-    cv2.fillPoly(cover, [_fine(shadow.outline)], 255)
-    return _gathered(cover, float(np.hypot(blur, shadow.softness)))
+    cv2.fillPoly(cover, [_fine(patch.outline)], 255)
+    return _gathered(cover, float(np.hypot(blur, patch.softness)))
 
 
 def _hand_cover(shape: Sequence[int], hand: Hand, blur: float) -> tuple[Singles, Singles]:

@@ -46,6 +46,8 @@ _GROUNDS = (0.0, 0.01, 0.02, 0.03, 0.045, 0.065, 0.1, 0.15, 0.22)
 _ALIKE, _AT_ONCE, _ALONE = 0.4, 0.8, 0.2
 # px by which grain along a side shifts all of it, over the ground's unevenness: nothing in the side shows that.
 _GRAIN = 1.0
+# Share of a side's step by which bare ground differs from place to place.
+_SAME_GROUND = 0.25
 # Share of a side's step that what goes on beyond its end must have, and px beside the side's own curve.
 _SAME_STEP, _SAME_LINE = 0.65, 1.5
 
@@ -54,14 +56,16 @@ _SAME_STEP, _SAME_LINE = 0.65, 1.5
 class Sides:
     """Sides between corners (4, 2) px: offset outwards from the straight line, coefficients (4, 4) as in EdgeFit.
 
-    seen (4, K): which pieces show it. goes_on (4,): whether its edge runs past one of its ends. step (4,): logarithm
-    of the light outside over that inside. ground: standard deviation of the light outside, as share of the contrast.
+    seen (4, K): which pieces show it; bare (4, K): which show the ground on both sides. goes_on (4,): whether it runs
+    past one of its ends. step (4,): logarithm of the light outside over that inside. ground: standard
+    deviation of the light outside, as share of the contrast.
     outline: where the sides meet.
     """
 
     corners: Floats
     coefficients: Floats
     seen: Mask
+    bare: Mask
     goes_on: Mask
     step: Floats
     ground: float
@@ -185,6 +189,16 @@ class _Pieces:
         noise = _GRAINY * np.median(self.unexplained[seen]) / np.sqrt(pixels)
         return float(np.sqrt(max(min(beside, alone) ** 2 - noise**2, 0.0)))
 
+    def bare(self, seen: Mask, step: Floats) -> Mask:
+        """Which pieces (4, P) have on both sides the light that the side's seen pieces have outside; step (4,): of
+        these."""
+        ground = np.log(_typical(self.outer, seen))[:, None]
+        like = [
+            np.abs(np.log(light) - ground) < _SAME_GROUND * np.abs(step)[:, None]
+            for light in (self.inner, self.outer)
+        ]
+        return like[0] & like[1] & ~seen
+
     def shown(self, own: Ints) -> Mask:
         """Which pieces (4, P) show a clear step, of the sense that most of all sides' have."""
         contrast = np.nan_to_num(self.contrast)
@@ -283,7 +297,8 @@ def _joined(
         fit.tone,
     )
     outline = meet(frame.corners[None], whole)
-    return Sides(frame.corners, coefficients, seen[:, own], goes_on, step, uneven, outline)
+    bare = pieces.bare(seen, step)[:, own]
+    return Sides(frame.corners, coefficients, seen[:, own], bare, goes_on, step, uneven, outline)
 
 
 def _solved(pieces: _Pieces, seen: Mask, prior: Floats, uneven: float) -> tuple[Floats, Floats]:

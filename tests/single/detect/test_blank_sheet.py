@@ -39,6 +39,14 @@ def test_a_sheet_on_a_table_is_found_where_it_is(scenes, kind):
     assert np.mean(distances**2 < scenes.REGION_95) > 0.8
 
 
+# Of the first sixty these were found 20 to 57 px beside where they are, to the ends of the patch.
+@pytest.mark.parametrize("number", [14, 20, 39, 50])
+def test_a_bright_patch_of_the_table_beside_a_sheet_is_no_part_of_it(scenes, number):
+    image, pose = scenes.on_a_table("lit table", number)
+    for view in detect_views(image, [scenes.MARKED["sheet"]]):
+        assert np.abs(scenes.error(view, pose).gap).max() < 1
+
+
 def test_the_edge_of_a_shadow_is_no_side_of_a_sheet(scenes):
     for number in range(40, 46):
         image, pose = scenes.on_a_table("sharp shadow", number)

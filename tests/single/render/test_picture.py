@@ -10,7 +10,7 @@ from quadrig.single.markings.chessboard import ChessboardMarking
 from quadrig.single.markings.tag import TagMarking
 from quadrig.single.pose import Pose
 from quadrig.single.rectangle import Rectangle
-from quadrig.single.render.capture import LINEAR, SRGB, Capture, Hand, Shadow, ToneCurve
+from quadrig.single.render.capture import LINEAR, SRGB, Capture, Glare, Hand, Shadow, ToneCurve
 from quadrig.single.render.ground import fabric, wood
 from quadrig.single.render.marking_image import marking_image, marking_patches
 from quadrig.single.render.picture import Sheet, backdrop, ray_grid, render_image
@@ -172,6 +172,14 @@ def test_shadow_takes_its_share_within_its_outline():
     soft = white_under(Capture(shadows=(Shadow(outline, depth=0.5, softness=6.0),)))
     assert soft.sum() == pytest.approx(image.sum(), rel=2e-3)
     assert np.abs(np.diff(soft, axis=1)).max() < 6
+
+
+def test_glare_adds_its_light_within_its_outline():
+    outline = ((20.0, 20.0), (60.0, 20.0), (60.0, 60.0), (20.0, 60.0))
+    plain, glared = (white_under(Capture(exposure=0.4, glares=glares)) for glares in ((), (Glare(outline, 0.3, 2.0),)))
+    added = glared.astype(int) - plain
+    assert np.abs(added[35:45, 35:45] - 0.3 * 0.4 * 255).max() <= 1
+    assert not added[:10].any()
 
 
 def test_hand_lies_where_it_points():
