@@ -176,7 +176,9 @@ def test_shadow_takes_its_share_within_its_outline():
 
 def test_glare_adds_its_light_within_its_outline():
     outline = ((20.0, 20.0), (60.0, 20.0), (60.0, 60.0), (20.0, 60.0))
-    plain, glared = (white_under(Capture(exposure=0.4, glares=glares)) for glares in ((), (Glare(outline, 0.3, 2.0),)))
+    plain, glared = (
+        white_under(Capture(exposure=0.4, glares=glares)) for glares in ((), (Glare(outline, 0.3, 2.0),))
+    )
     added = glared.astype(int) - plain
     assert np.abs(added[35:45, 35:45] - 0.3 * 0.4 * 255).max() <= 1
     assert not added[:10].any()
