@@ -162,15 +162,17 @@ def _dispersion(joint: Joint, own: Reduced, share: Floats) -> Floats:
     parts = [_of_fold(own, joint.bordered.border, number, units, size) for number in range(count)]
     gradients = np.array([gradient for gradient, _ in parts])
     gradients -= share[:, None] * gradients.sum(axis=0)
-    moved = [product(covariance) for _, product in parts]
-    every = sum(moved, np.zeros_like(covariance))
+    # Made twice, so that no more than three matrices of this size are held: one for each fold would be most of all.
+    every = np.zeros_like(covariance)
+    for _, product in parts:
+        every += product(covariance)
     # Of D - D C D of all folds together: its trace with C, and what it makes of each lens.
     of_every = across @ every
     trace_all = float(np.trace(every) - (every * every.T).sum())
     lens_all = of_lens(across - of_every, every[:, lenses])
     seen, expected, together, by_chance = np.zeros(cameras), np.zeros(cameras), 0.0, 0.0
-    for own_moved, gradient, own_share in zip(moved, gradients, share, strict=True):
-        step = covariance @ gradient
+    for (_, product), gradient, own_share in zip(parts, gradients, share, strict=True):
+        own_moved, step = product(covariance), covariance @ gradient
         together += float(gradient @ step)
         of_each = step[:total].reshape(units, 1, size)[:cameras, :, :lens]
         seen += (of_each @ inverse @ np.swapaxes(of_each, 1, 2))[:, 0, 0]
