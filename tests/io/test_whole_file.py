@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from quadrig.io.recording.decode_image import decode_file
 from quadrig.io.whole_file import only_read, place_held, refuse_no_place, write_text, written_beside
 from quadrig.single.errors import QuadrigError
 
@@ -209,8 +210,8 @@ def test_a_picture_of_ours_is_the_same_picture_and_is_replaced(tmp_path, suffix)
     for _ in range(2):
         with written_beside(path) as beside:
             beside.write_bytes(picture(suffix))
-    plain = cv2.imdecode(np.frombuffer(picture(suffix), np.uint8), cv2.IMREAD_GRAYSCALE)
-    assert np.array_equal(cv2.imread(str(path), cv2.IMREAD_GRAYSCALE), plain)
+    plain = decode_file(picture(suffix))
+    assert np.array_equal(decode_file(path.read_bytes()), plain)
     # Another reader, which takes a wrong sum for damage.
     Image.open(path).verify()
 
