@@ -34,8 +34,8 @@ def rig_blueprint(rig: Rig) -> rrb.Blueprint:
     return rrb.Blueprint(
         rrb.Horizontal(
             rrb.Vertical(_spaces(rig), rrb.Grid(*pictures, grid_columns=columns), row_shares=[3, 2]),
-            rrb.Vertical(verdict, graph_view(rig), residuals, row_shares=[10, 4, 7]),
-            column_shares=[5, 4],
+            rrb.Vertical(verdict, graph_view(rig), residuals, row_shares=[11, 5, 6]),
+            column_shares=[1, 1],
         ),
         rrb.TimePanel(state="collapsed", timeline="frameset"),
         rrb.SelectionPanel(state="hidden"),
