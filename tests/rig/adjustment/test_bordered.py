@@ -39,7 +39,7 @@ def dense_system(errors, observations, state, free):
         by_camera = step[:first].reshape(cameras, len(size))
         lens = np.pad(by_camera[:, :LENS], ((0, 0), (0, 9 - LENS)))
         moved = state.moved(lens, by_camera[:, LENS : LENS + 6], step[first:last].reshape(nodes, 6))
-        if clocks:
+        if state.clocks is not None:
             moved = replace(moved, clocks=state.clocks + by_camera[:, LENS + 6 :])
         return weighed_residuals(errors.corrected(observations, step[last:]), moved)
 
@@ -52,7 +52,7 @@ def dense_system(errors, observations, state, free):
         prior = free.prior_information[camera, :LENS, :LENS]
         matrix[own, own] += prior
         gradient[own] -= prior @ (state.lens[camera] - free.prior_mean[camera])[:LENS]
-        if clocks:
+        if state.clocks is not None:
             own = camera * len(size) + LENS + 6 + np.arange(2)
             matrix[own, own] += CLOCK_INFORMATION
             gradient[own] -= CLOCK_INFORMATION * state.clocks[camera]

@@ -74,7 +74,7 @@ def test_the_slope_is_the_derivative_of_the_step():
     rng = np.random.default_rng(1)
     rate, bend = rng.normal(size=(2, 7, 6))
     rows = 100 * rng.normal(size=(2, 7))
-    moved = Motion(rate, bend, rng.normal(size=7), *rows, np.ones(3, bool), np.ones((3, 2), bool))
+    moved = Motion(rate, bend, rng.normal(size=7), rows[0], rows[1], np.ones(3, bool), np.ones((3, 2), bool))
     clocks, by_row = rng.normal(size=(7, 2)) * [1, 1e-2], np.array([0, 1e-8])
     by_offset = np.array([1e-6, 0])
     slope = (moved.step(clocks + by_offset) - moved.step(clocks - by_offset)) / 2e-6

@@ -76,7 +76,7 @@ def test_a_clock_moves_a_rectangle_with_its_body(box):
     rng = np.random.default_rng(1)
     rate, bend = rng.normal(size=(2, views, 6))
     rows, whole = 300 * rng.normal(size=(2, views)), np.ones((2, 2), bool)
-    moves = Motion(rate, bend, 0.01 * rng.normal(size=views), *rows, whole[:, 0], whole)
+    moves = Motion(rate, bend, 0.01 * rng.normal(size=views), rows[0], rows[1], whole[:, 0], whole)
     moving = replace(state, motion=moves, clocks=np.zeros((2, 2)))
     by_clock = chain_derivatives(observations, moving).by_camera[:, :, 6:]
     here = moving.camera_from_rect(observations)

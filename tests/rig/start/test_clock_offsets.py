@@ -48,13 +48,16 @@ def board_at(time: float) -> Pose:
 
 def read_out(lens: Intrinsics, world_from_camera: Pose, time: float, line: float) -> np.ndarray:
     """Pixels (P, 2) of the board where each is when its own row is read, the middle one at that time."""
-    times = np.full(len(POINTS), time)
-    # Each round brings rows and instants nearer by the pixels that go by in the time of a row: a hundredth.
-    for _ in range(4 if line else 1):
+
+    def seen(times: np.ndarray) -> np.ndarray:
         boards = {t: board_at(t) for t in times}
         places = np.array([boards[t].transform(point) for t, point in zip(times, POINTS, strict=True)])
-        pixels = lens.project(world_from_camera.inverse().transform(places))
-        times = time + line * (pixels[:, 1] - 359.5)
+        return lens.project(world_from_camera.inverse().transform(places))
+
+    pixels = seen(np.full(len(POINTS), time))
+    # Each round brings rows and instants nearer by the pixels that go by in the time of a row: a hundredth.
+    for _ in range(3 if line else 0):
+        pixels = seen(time + line * (pixels[:, 1] - 359.5))
     return pixels
 
 
