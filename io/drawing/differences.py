@@ -40,7 +40,8 @@ def difference_sentences(found: Comparison) -> list[str]:
     for one in differing:
         parts = listed([_part(one, part) for part in one.differs])
         sentences.append(f"{one.name} differs in {parts}: by chance in {_per_cent(found.chance(one))} %.")
-    if len(found.cameras) == len(differing) == 2:
+    moved = [one for one in differing if {*one.differs} & {"position", "rotation", "pose"}]
+    if len(found.cameras) == len(moved) == 2:
         sentences.append("Of two cameras nobody can say which of them it was.")
     other = [
         one.name for one in found.cameras if np.isnan(one.apart["focal"].chance) and np.isfinite(one.focal_sigma)

@@ -55,7 +55,7 @@ def _sentences(rig: Rig, camera: Camera) -> list[str]:
     if np.isfinite(camera.line_time):
         since = "as given" if camera.line_time_sigma == 0 else "as what moved shows"
         sentences.append(f"Its rows were taken {line_time(camera)} µs after one another, {since}.")
-    else:
+    elif rig.fits:
         sentences.append("How long after one another its rows were taken is not known: too little moved.")
     return sentences
 

@@ -90,6 +90,18 @@ def test_the_report_and_json_have_it_too(lens_only_rig):
     assert values["lens_only"][name]["sigma"]["focal_px"] == lens_only_rig.apart[0].focal_sigma(name)
 
 
+def test_what_another_program_does_not_say_is_said_once_and_without_a_unit(example_rig):
+    nothing = {"rms": float("nan"), "held_out_rms": float("nan")}
+    cameras = tuple(replace(camera, **nothing) for camera in example_rig.cameras)
+    bare = replace(example_rig, cameras=cameras, covariance=np.full_like(example_rig.covariance, np.nan), fits=())
+    bare = replace(bare, rectangles=(), weak=(), working_accuracy=float("nan"), **nothing)
+    page = report_html(RigFile(bare))
+    for text in (printed(bare), page):
+        assert "RMS not known" in text
+        assert "unknown px" not in text
+    assert "too little moved" not in page
+
+
 def test_it_comes_back_from_its_file(lens_only_rig, tmp_path):
     write_rig(tmp_path / "rig.mcap", lens_only_rig)
     (back,) = read_rig(tmp_path / "rig.mcap").apart
