@@ -37,14 +37,20 @@ def seconds(code: str, arguments: list[str], compiled: str) -> float:
 
 def main() -> None:
     """Print one table."""
-    starts = {"python": ("pass", []), "python, numpy": ("import numpy", []), "rig --help": (_RIG, ["--help"])}
+    starts: dict[str, tuple[str, list[str]]] = {
+        "python": ("pass", []),
+        "python, numpy": ("import numpy", []),
+        "rig --help": (_RIG, ["--help"]),
+    }
     starts |= {f"rig {name} --help": (_RIG, [name, "--help"]) for name in COMMANDS}
     starts |= {f"rig info {file}": (_RIG, ["info", file]) for file in sys.argv[1:]}
     table = Table(title=f"processor time of a start, least of {_RUNS} runs in turn")
     for column in ("start", "s", "aim"):
         table.add_column(column, justify="left" if column == "start" else "right")
     with tempfile.TemporaryDirectory() as compiled:
-        runs = [{name: seconds(*start, compiled) for name, start in starts.items()} for _ in range(_RUNS + 1)]
+        runs = [
+            {name: seconds(code, given, compiled) for name, (code, given) in starts.items()} for _ in range(_RUNS + 1)
+        ]
     for name in starts:
         aim = next((aim for start, aim in _AIMS.items() if name.startswith(start)), None)
         table.add_row(name, f"{min(run[name] for run in runs):.3f}", "" if aim is None else f"{aim:.2f}")

@@ -113,7 +113,7 @@ class LensClasses:
         # About a class's mean m its covariance is P = C C^T, and with x = m + C w the likeliest w solves
         # (1 + C^T L C) w = C^T (h - L m), which no rounding makes singular, for information L and pull h.
         mean = self.mean - at[:, None]
-        root = np.linalg.cholesky(self.covariance)
+        root = np.asarray(np.linalg.cholesky(self.covariance), float)
         root_t = np.swapaxes(root, -1, -2)
         whole = np.eye(9) + root_t @ data[:, None] @ root
         short = pull[:, None] - (data[:, None] @ mean[..., None])[..., 0]

@@ -7,9 +7,8 @@ C + C B S B' C.
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, reduce
+from functools import cached_property
 from itertools import pairwise
-from operator import add
 from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
@@ -62,12 +61,12 @@ class Border:
     @cached_property
     def all_units(self) -> Matrix:
         """(E M, U): of all folds together."""
-        return reduce(add, self.units)
+        return _total(self.units)
 
     @cached_property
     def all_information(self) -> Matrix:
         """(U, U): of all folds together."""
-        return reduce(add, self.information)
+        return _total(self.information)
 
     def at_noise(self, before: float, after: float) -> "Border":
         """The same for another noise, px."""
@@ -118,8 +117,9 @@ def expand(
     units, size = reduced.free.shape
     row = tables.pair_unit[:, None, None] * size + np.arange(size)[:, None]
     column = tables.pair_node[:, None, None] * 6 + np.arange(6)
-    at = [axis.ravel() for axis in np.broadcast_arrays(row, column)]
-    pairs = _matrix(found.normal.pairs.ravel(), *at, (units * size, 6 * observations.nodes))
+    row, column = np.broadcast_arrays(row, column)
+    shape = (units * size, 6 * observations.nodes)
+    pairs = _matrix(found.normal.pairs.ravel(), row.ravel(), column.ravel(), shape)
     passed, pull = _followed(reduced.node_inverse, own.nodes), found.normal.node_gradient.ravel()
     border, information, gradient = [], [], own.gradient
     for number in range(len(gradient)):
@@ -210,14 +210,14 @@ def solve_bordered(
 
     border, reduced: of that adjustment; unit_covariance (E M, E M): without the errors.
     """
-    from scipy.linalg.lapack import dtrtri
+    from scipy.linalg import solve_triangular
 
     ties = border.all_units
     through = unit_covariance @ ties
     data = border.all_information - ties.T @ through
     information = data + errors.information
     lower = np.linalg.cholesky((information + information.T) / 2)
-    root = dtrtri(lower, lower=1)[0].T
+    root = solve_triangular(lower, np.eye(len(values)), lower=True).T
     gradient = np.where(reduced.free, reduced.gradient, 0.0).ravel()
     pulled = border.gradient.sum(axis=0) - errors.information @ values - through.T @ gradient
     step = root @ (root.T @ pulled)
@@ -320,7 +320,8 @@ def _placed(blocks: Floats, row: Ints, column: Ints) -> tuple[Floats, Ints, Ints
 
 
 def _gathered(parts: Sequence[tuple[Floats, Ints, Ints]], shape: tuple[int, int]) -> Matrix:
-    return _matrix(*(np.concatenate(each) for each in zip(*parts, strict=True)), shape)
+    values, row, column = (np.concatenate(each) for each in zip(*parts, strict=True))
+    return _matrix(values, row, column, shape)
 
 
 @dataclass(frozen=True, eq=False)
@@ -439,10 +440,17 @@ def dense(matrix: Matrix) -> Floats:
     return matrix if isinstance(matrix, np.ndarray) else matrix.toarray()
 
 
+def _total(parts: Sequence[Matrix]) -> Matrix:
+    total = parts[0]
+    for part in parts[1:]:
+        total = total + part
+    return total
+
+
 def _matrix(values: Floats, row: Ints, column: Ints, shape: tuple[int, int]) -> Matrix:
     """A matrix of values, those at one place summed, sparse where it is large."""
     if shape[0] * shape[1] < _DENSE:
-        return np.bincount(row * shape[1] + column, values, shape[0] * shape[1]).reshape(shape)
+        return np.asarray(np.bincount(row * shape[1] + column, values, shape[0] * shape[1]), float).reshape(shape)
     from scipy.sparse import coo_array
 
     return coo_array((values, (row, column)), shape=shape).tocsr()

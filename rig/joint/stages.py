@@ -247,8 +247,9 @@ def _least_squares_stage(
     expected = _Expected(fit.noise, priors, fit.free, systematic_errors(problem, observations))
     inliers, values, seen = fit.inliers, np.zeros(len(expected.errors.information)), observations
     state, used = fit.adjustment.state, observations.with_weights(inliers.weights)
-    near = False
-    for _ in range(_ROUNDS):
+    near, rounds = False, 0
+    while True:
+        rounds += 1
         if not near:
             found = adjust(
                 used, state, expected.free, expected.noise, most_steps=_MOST_STEPS, tables=tables, tolerance=ROUGH
@@ -272,6 +273,8 @@ def _least_squares_stage(
         contradicted = _contradicted(problem, observations, inliers)
         if contradicted:
             return contradicted
+        if rounds == _ROUNDS:
+            break
     if end.bordered.fall > _NEAR:
         # Few Views of one camera may bend sheet, lens and focal against one another along a long valley: what was not
         # reached is no solution, and the misfit stays in the noise.
@@ -340,14 +343,15 @@ def _expecting_alike(
 ) -> tuple[_Expected, "_End", _Expected]:
     """The same end as it is once what it expects is nearly what it teaches, and this: of that all changes, and close
     by nothing of what the Views say."""
+    then = _learned(problem, expected, end, end.bordered.part(used, end.adjustment, 1.0)[0])
     for _ in range(_ROUNDS):
-        then = _learned(problem, expected, end, end.bordered.part(used, end.adjustment, 1.0)[0])
         if then.is_like(expected):
-            return expected, end, then
+            break
         found = reweighed(used, end.adjustment, then.free, expected.noise, then.noise)
         border = end.bordered.border.at_noise(expected.noise, then.noise)
         there = Expansion(found, undamped(found, then.free), border)
         expected, end = then, _solved(then, there, end.values, used)
+        then = _learned(problem, expected, end, end.bordered.part(used, end.adjustment, 1.0)[0])
     return expected, end, then
 
 
