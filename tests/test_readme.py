@@ -27,7 +27,15 @@ def test_the_commands_exist() -> None:
 def test_what_is_linked_exists() -> None:
     linked = {*re.findall(r"\]\((?!http)([^)]+)\)", README), *re.findall(r"`(examples/[^`]+)`", README)}
     assert linked
-    assert [target for target in linked if not (ROOT / target).exists()] == []
+    assert [target for target in linked if not _is_there(*target.partition("#")[::2])] == []
+
+
+def _is_there(path: str, anchor: str) -> bool:
+    """Whether a file is there, and in it the heading that a link names."""
+    if not anchor:
+        return (ROOT / path).exists()
+    headings = re.findall(r"^#+ (.+)$", (ROOT / path).read_text(), re.M)
+    return anchor in {re.sub(r"[^a-z0-9 -]", "", heading.lower()).replace(" ", "-") for heading in headings}
 
 
 def test_the_quick_start_has_two_blocks() -> None:
