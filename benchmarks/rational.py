@@ -189,9 +189,10 @@ def opencv(made: Take, flags: int) -> Answer:
     for index in (1, 2):
         points, left, right = [], [], []
         for frameset in range(_FRAMESETS):
-            pair = [of.get((f"cam{camera}", frameset)) for camera in (0, index)]
-            if pair[0] is None or pair[1] is None:
+            one, another = (of.get((f"cam{camera}", frameset)) for camera in (0, index))
+            if one is None or another is None:
                 continue
+            pair = (one, another)
             rows = [{tuple(point): pixel for point, pixel in zip(v.points, v.pixels, strict=True)} for v in pair]
             both = [point for point in rows[0] if point in rows[1]]
             if len(both) >= _FEWEST:

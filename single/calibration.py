@@ -147,7 +147,7 @@ def calibrate_views(
     if model != "auto":
         return _calibration(_solved(views, replace(prior, model=model)))
     pinhole = _tried(views, prior)
-    if isinstance(pinhole, _Solved) and not _is_suspect(pinhole.found):
+    if isinstance(pinhole, _Solved) and (_freedom(pinhole) < 1 or not _is_suspect(pinhole.found)):
         return _calibration(pinhole)
     fisheye = _tried(views, replace(prior, model="fisheye"))
     if isinstance(fisheye, _Solved) and not _is_suspect(fisheye.found) and _is_decided(pinhole, fisheye):
@@ -186,12 +186,16 @@ def _is_suspect(found: LensEstimate) -> bool:
     return _misses(found) or _is_bent(found) or found.unusual > _UNUSUAL
 
 
+def _freedom(solved: _Solved) -> int:
+    """How many more numbers were measured than a lens and its poses have."""
+    return solved.stacked.coordinates - 6 * len(solved.views) - len(LENS_PARAMETERS)
+
+
 def _is_decided(pinhole: _Solved | QuadrigError, fisheye: _Solved) -> bool:
     """Whether a fisheye is a thousand times as likely as a pinhole: noise of unknown size, as each leaves it."""
     if isinstance(pinhole, QuadrigError):
         return True
-    freedom = fisheye.stacked.coordinates - 6 * len(fisheye.views) - len(LENS_PARAMETERS)
-    return freedom * np.log(pinhole.found.noise / fisheye.found.noise) > _DECIDED
+    return _freedom(fisheye) * np.log(pinhole.found.noise / fisheye.found.noise) > _DECIDED
 
 
 def _expected_noise(views: Sequence[View]) -> float:

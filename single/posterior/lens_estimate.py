@@ -227,9 +227,9 @@ def _components(views: LensViews, prior: LensPrior, modes: LensFits, focals: Flo
     (1 + F, G) of each of the latter that is no second count of the first."""
     nearest = np.abs(np.log(focals)[:, None] - np.log(modes.lens[:, 0])).argmin(axis=1)
     start = modes.lens[nearest].copy()
-    # The same bend in the picture.
-    units = [prior.classes(at).unit[:, 3:8] for at in (focals, start[:, 0])]
-    start[:, 3:8] *= units[0] / units[1]
+    if views.model == "pinhole":
+        # The same bend in the picture; a fisheye's is one of angles.
+        start[:, [3, 4, 7]] *= (focals / start[:, 0])[:, None] ** np.array([2.0, 4.0, 6.0])
     start[:, 0] = focals
     free = ~prior.fixed & (np.arange(9) > 0)
     classes, start_poses = prior.classes(focals).at_focals(focals)[1], _both_poses(views, start)[0][:, :, 0]
