@@ -358,11 +358,12 @@ def test_recording_where_nothing_can_be_written(tmp_path):
 
 def test_a_recording_appears_with_its_first_picture_in_the_place_of_the_old_one(tmp_path):
     path, second = tmp_path / "r.mcap", tmp_path / "r-2.mcap"
-    path.write_bytes(b"old")
+    old = b"\x89MCAP0\r\n of yesterday"
+    path.write_bytes(old)
     second.write_bytes(b"its second part")
     # Ended, or killed, before anything came: no empty recording is taken for one.
     LiveRecorder(path, replaces=[second]).close()
-    assert (path.read_bytes(), second.read_bytes()) == (b"old", b"its second part")
+    assert (path.read_bytes(), second.read_bytes()) == (old, b"its second part")
     recorder = LiveRecorder(path, replaces=[second])
     recorder.write(Frame("a", 1, 0.0, encoded=jpeg(1)))
     recorder.close()
