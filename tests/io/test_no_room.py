@@ -45,6 +45,9 @@ def folder(tmp_path, monkeypatch, example_rig, example_config) -> Path:
         cv2.imwrite(str(tmp_path / "cam0" / f"{number}.png"), noise)
     for kind in ("rrd", "html", "json", "yaml", "mcap", "pdf", "png", "svg"):
         (tmp_path / f"x.{kind}").write_text("old")
+    # Only a rig is written over a rig, a recording over a recording.
+    (tmp_path / "x.rig.mcap").write_bytes((tmp_path / "rig.mcap").read_bytes())
+    (tmp_path / "x.mcap").write_bytes(b"\x89MCAP0\r\n of yesterday")
     return tmp_path
 
 
@@ -52,7 +55,7 @@ COMMANDS = [
     "report rig.mcap -o x.html",
     "export rig.mcap --format json -o x.json",
     "export rig.mcap --format kalibr -o x.yaml",
-    "import rig.mcap -o x.mcap",
+    "import rig.mcap -o x.rig.mcap",
     "record cam0 --rate 1 --again -o x.mcap",
     "target --ids 0-3 -o x.pdf",
     "target --ids 0-3 -o x.png",
