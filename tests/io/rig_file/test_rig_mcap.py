@@ -51,7 +51,7 @@ def test_a_rig_is_written_over_a_rig_and_never_over_a_recording(tmp_path, exampl
     before = path.read_bytes()
     for there in (before, before[: len(before) // 2]):
         path.write_bytes(there)
-        with pytest.raises(QuadrigError, match="no rig but a recording"):
+        with pytest.raises(QuadrigError, match="is a recording and would be replaced by a rig"):
             write_rig(path, example_rig)
         assert path.read_bytes() == there
     for _ in range(2):
