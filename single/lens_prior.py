@@ -117,7 +117,7 @@ class LensClasses:
         root_t = np.swapaxes(root, -1, -2)
         whole = np.eye(9) + root_t @ data[:, None] @ root
         short = pull[:, None] - (data[:, None] @ mean[..., None])[..., 0]
-        w = np.linalg.solve(whole, root_t @ short[..., None])[..., 0]
+        w = np.asarray(np.linalg.solve(whole, root_t @ short[..., None]), float)[..., 0]
         gained = (root @ w[..., None])[..., 0]
         # What is gained there, written so that an error of w counts by its square.
         found = mean + gained
