@@ -37,8 +37,9 @@ _AGREE, _NEAR, _FAR = 3.5, 0.35, 1.2
 _LENS, _NOT_CUBIC, _BENT = 0.25, 0.15, 0.05
 # Share of its own bow by which a side is bent unlike at its two ends.
 _LOPSIDED = 0.5
-# Pieces beside a gap that are left out with it.
-_FROM_GAP = 2
+# Pieces beside a gap that are left out with it, and those that are left of fewer beyond a longer gap: the border of
+# glare or of a hand lies on the line of a side for so long.
+_FROM_GAP, _SCRAP = 2, 2
 # px^2 that a piece which does not show the edge is off by.
 _HIDDEN = 1e6
 # px that a ground may do to a piece: shares of it are alike over a part of half a side, and each piece's alone.
@@ -241,7 +242,13 @@ def _clear_of_gaps(seen: Mask) -> Mask:
     """Pieces (4, K) with no gap near them: what hides an edge lies along it for a little before it leaves it."""
     count = seen.shape[1]
     around = np.pad(seen, ((0, 0), (_FROM_GAP, _FROM_GAP)), constant_values=True)
-    return np.all([around[:, k : k + count] for k in range(2 * _FROM_GAP + 1)], axis=0)
+    clear = np.all([around[:, k : k + count] for k in range(2 * _FROM_GAP + 1)], axis=0)
+    for side in clear:
+        runs = np.split(np.arange(count), np.flatnonzero(np.diff(side)) + 1)
+        for run, *beside in zip(runs, [[], *runs[:-1]], [*runs[1:], []], strict=True):
+            if side[run[0]] and len(run) <= min(_SCRAP, max(map(len, beside))):
+                side[run] = False
+    return clear
 
 
 def _bow_prior(frame: _Frame, middle: Floats) -> tuple[Floats, Floats]:
