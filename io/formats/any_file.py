@@ -122,6 +122,10 @@ def _in_metres(held: Held, unit: float | None, path: Path | str) -> dict[str, Po
         if not held.poses:
             return {}
         raise QuadrigError(f"{path}: nothing in it says the unit of lengths; `rig import` it with --unit m, cm or mm")
+    if not 0 < metres < np.inf:
+        raise QuadrigError(
+            f"{path}: its unit of lengths is {metres:g} m, which is none; give the file its unit again"
+        )
     for name, pose in held.poses.items():
         if not np.isfinite(pose.matrix()).all():
             raise QuadrigError(f"{path}: the pose of {name!r} is not made of finite numbers; write the file again")

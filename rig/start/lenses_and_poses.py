@@ -313,8 +313,9 @@ def _candidates(
     points = np.zeros(count)
     for group in observations.groups:
         points[group.view] = (group.weights > 0).sum(axis=1)
-    gap = points * scale**2 * (errors[:, 1] ** 2 - errors[:, 0] ** 2)
-    weak = views[np.isfinite(errors[:, 1]) & (gap < 4 * _TWIN_COST)]
+    possible = np.isfinite(errors[:, 1])
+    gap = points * scale**2 * (np.where(possible, errors[:, 1], 0.0) ** 2 - errors[:, 0] ** 2)
+    weak = views[possible & (gap < 4 * _TWIN_COST)]
     parts: list[_Part] = [(views, none, alone.camera_from_rect, alone.covariance, np.zeros(count))]
     if len(weak):
         refined, covariance, cost = _refined_twins(observations, alone, twin, weak)

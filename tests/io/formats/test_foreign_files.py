@@ -7,7 +7,9 @@ import cv2
 import numpy as np
 import pytest
 
+from quadrig.io.formats import any_file
 from quadrig.io.formats.any_file import read_any_lenses, read_any_rig
+from quadrig.io.formats.format import Held
 from quadrig.single.errors import QuadrigError
 from quadrig.single.pose import Pose
 
@@ -243,3 +245,10 @@ def test_one_camera_in_two_files_is_refused(example_rig, tmp_path):
         (tmp_path / folder / "cam0.yaml").write_text(str(export_files(alone, "ros")["cam0.yaml"]))
     with pytest.raises(QuadrigError, match="camera 'cam0' is in an earlier file too"):
         read_any_lenses(tmp_path / "a" / "cam0.yaml", tmp_path / "b" / "cam0.yaml")
+
+
+@pytest.mark.parametrize("unit", [float("-inf"), float("nan"), 0.0, -0.01])
+def test_a_unit_that_is_none_is_refused(unit):
+    held = Held(poses={"cam0": Pose.identity()}, unit=unit)
+    with pytest.raises(QuadrigError, match="unit of lengths"):
+        any_file._in_metres(held, None, "rig.usda")  # noqa: SLF001 - no format but USD states a unit, and it is an extra
