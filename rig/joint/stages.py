@@ -192,7 +192,7 @@ def _robust_stage(
     ):
         noise = alone.noise
         found, free = fit_time_errors(problem, observations, replace(found, state=state), free, noise)
-        inliers = inliers_of(observations, found.linearised.squares, found.state, free, noise)
+        inliers = inliers_of(observations, residual_squares(observations, found.state), found.state, free, noise)
     return _Fit(found, free, inliers, noise)
 
 

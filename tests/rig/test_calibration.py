@@ -108,11 +108,13 @@ def test_where_the_rig_frame_stands_changes_no_relative_figure(board_rig):
     for reference in ("cam2", "tag0"):
         other = solved(made, reference=reference)
         assert other.reference == reference
-        # The adjustment stops a thousandth of a sigma from the minimum, wherever it comes from.
-        assert other.working_accuracy == pytest.approx(rig.working_accuracy, rel=1e-5)
-        assert other.rms == pytest.approx(rig.rms, rel=1e-7)
+        # The adjustment stops a thousandth of a sigma from the minimum, wherever it comes from, and what it expects
+        # of noise and lenses is learned to a thousandth: of that a tenth.
+        assert other.working_accuracy == pytest.approx(rig.working_accuracy, rel=1e-4)
+        # At a minimum the residuals go with the square of that.
+        assert other.rms == pytest.approx(rig.rms, rel=1e-6)
         assert other.held_out_rms == pytest.approx(rig.held_out_rms, rel=1e-5)
-        assert other.noise == pytest.approx(rig.noise, rel=1e-7)
+        assert other.noise == pytest.approx(rig.noise, rel=1e-6)
         world = rig.cameras[0].name
         for camera in rig.cameras[1:]:
             there = other.camera(world).rig_from_camera.inverse() @ other.camera(camera.name).rig_from_camera
@@ -125,7 +127,7 @@ def test_where_the_rig_frame_stands_changes_no_relative_figure(board_rig):
             told, here = (r.relative_covariance(world, camera.name) for r in (rig, other))
             np.testing.assert_allclose(here, told, atol=1e-4 * np.abs(told).max())
             np.testing.assert_allclose(told, rig.pose_covariance(camera.name), atol=1e-12)
-            assert other.focal_sigma(camera.name) == pytest.approx(rig.focal_sigma(camera.name), rel=1e-5)
+            assert other.focal_sigma(camera.name) == pytest.approx(rig.focal_sigma(camera.name), rel=1e-4)
 
 
 def test_the_reference_is_the_rig_frame(board_rig):
@@ -334,3 +336,12 @@ def test_a_view_all_in_one_pixel_is_left_out_and_named(board_rig, scale, shift):
     same_rig(rig, calibrate(made.inputs, made.rectangles, others), 1e-12)
     (said,) = [sentence for sentence in rig.weak if "is left out" in sentence]
     assert f"its {len(broken.pixels)} corners lie within 0.0 px" in said
+
+
+def test_a_board_that_was_carried_and_is_said_to_stand_is_no_accident(board_rig):
+    """More points than a first fit takes, of which most contradict it."""
+    made, _ = board_rig
+    still = [replace(one, moving=False) for one in made.rectangles]
+    rig = calibrate(made.inputs, still, made.views)
+    assert sum(bool(fit.rejected) for fit in rig.fits) > 0
+    assert rig.weak
