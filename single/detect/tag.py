@@ -340,7 +340,7 @@ def _looks_whole(grey: Picture, corners: Floats, cells: int) -> tuple[Mask, Floa
 
 def _median(levels: Floats) -> Floats:
     """Median (N,) of what is no nan in levels (N, P): numpy's own takes each row by itself."""
-    ordered, count = np.sort(levels, axis=1), np.count_nonzero(np.isfinite(levels), axis=1)
+    ordered, count = np.sort(levels, axis=1), np.isfinite(levels).sum(axis=1)
     row = np.arange(len(levels))
     return (ordered[row, (count - 1) // 2] + ordered[row, count // 2]) / 2
 
