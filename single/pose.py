@@ -15,6 +15,8 @@ from quadrig.single.rotation import (
 
 # Below this squared angle (rad^2) two terms of the series are exact to the last bit, and the closed form is not.
 _SMALL_TWIST = 1e-8
+# Columns of a rotation that was written with four digits are as far from perpendicular unit ones.
+_ROUNDED = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,6 +69,14 @@ class Pose:
         result[..., :3, 3] = self.translation
         result[..., 3, 3] = 1
         return result
+
+    @property
+    def is_rigid(self) -> bool:
+        """Whether every number is finite and every rotation one: nothing is mirrored, enlarged or sheared."""
+        if not (np.isfinite(self.rotation).all() and np.isfinite(self.translation).all()):
+            return False
+        off = np.swapaxes(self.rotation, -1, -2) @ self.rotation - np.eye(3)
+        return bool((np.abs(off) < _ROUNDED).all() and (np.linalg.det(self.rotation) > 0).all())
 
     def quaternion(self) -> Floats:
         """Unit quaternion (..., 4) in the order (x, y, z, w), w >= 0."""

@@ -163,7 +163,7 @@ class Rectangle:
     sheet: the rectangle that it is the same sheet as, at another time: of the same shape, and in the same place on
     its body, wherever that stands; itself where empty.
     Raises QuadrigError where a side is not a positive length, back is asked of a marking that looks the same from
-    there, scale_sigma is not a small positive share, or a pose is given on no body.
+    there, scale_sigma is not a small positive share, or a pose is given on no body or is no rigid one.
     """
 
     name: str
@@ -196,6 +196,11 @@ class Rectangle:
             )
         if self.body_from_rect is not None and not self.body:
             raise QuadrigError(f"rectangle {self.name!r}: body_from_rect is a pose on no body; give its body's name")
+        if self.body_from_rect is not None and not self.body_from_rect.is_rigid:
+            raise QuadrigError(
+                f"rectangle {self.name!r}: body_from_rect is no rotation and position of finite numbers (it mirrors, "
+                "enlarges or shears); give a matrix of perpendicular unit columns with determinant 1"
+            )
         if not all(0 <= sigma < np.inf for sigma in self.layout_sigma):
             raise QuadrigError(
                 f"rectangle {self.name!r}: layout_sigma is {self.layout_sigma}; give two numbers (rad, m), zero "

@@ -57,3 +57,15 @@ def test_a_half_turn_takes_a_board_of_any_size_to_itself_backwards():
 def test_a_side_that_is_no_length_is_refused_by_name(width, height):
     with pytest.raises(QuadrigError, match="desk"):
         Rectangle("desk", width, height)
+
+
+@pytest.mark.parametrize(
+    "rotation", [np.diag([1.0, 1, -1]), 2 * np.eye(3), np.full((3, 3), np.nan), np.zeros((3, 3))]
+)
+def test_a_pose_on_a_body_that_is_no_rigid_one_is_refused_by_name(rotation):
+    with pytest.raises(QuadrigError, match="'desk': body_from_rect is no rotation"):
+        Rectangle("desk", 0.3, 0.2, body="box", body_from_rect=Pose(rotation, np.zeros(3)))
+    with pytest.raises(QuadrigError, match="'desk': body_from_rect is no rotation"):
+        Rectangle("desk", 0.3, 0.2, body="box", body_from_rect=Pose(np.eye(3), np.array([0, np.nan, 0])))
+    rounded = Pose(np.round(Pose.from_vectors(np.array([0.3, 0.2, 1.1]), np.zeros(3)).rotation, 4), np.zeros(3))
+    assert Rectangle("desk", 0.3, 0.2, body="box", body_from_rect=rounded).body_from_rect is rounded
