@@ -355,6 +355,6 @@ def _sampled(grey: Picture, corners: Floats, places: Floats) -> Floats:
     """Grey levels (N, P) at places (P, 2) of a unit square with corners (N, 4, 2) in the image; nan outside of it."""
     seen = np.nan_to_num(mapped(square_homographies(corners), places), nan=-1, posinf=-1, neginf=-1)
     seen = np.rint(seen).astype(int)
-    inside = ((seen >= 0) & (seen < np.array(grey.shape[::-1]))).all(axis=-1)
-    seen = np.where(inside[..., None], seen, 0)
+    inside = np.all((seen >= 0) & (seen < np.array(grey.shape[::-1])), axis=-1)
+    seen = np.where(np.expand_dims(inside, -1), seen, 0)
     return np.where(inside, grey[seen[..., 1], seen[..., 0]].astype(float), np.nan)

@@ -179,7 +179,12 @@ def _edge_samples(
 
     # A pixel of a short side is met several times; its weight is that of one pixel.
     repeat = np.minimum(1.0, free / many)[:, None]
-    return flat(u), flat(offset), flat(light), flat((valid * repeat[..., None]).astype(np.float32))
+    return (
+        flat(u),
+        flat(offset.astype(np.float32, copy=False)),
+        flat(light),
+        flat((valid * repeat[..., None]).astype(np.float32)),
+    )
 
 
 def _edge_iterations(
