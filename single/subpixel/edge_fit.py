@@ -174,17 +174,11 @@ def _edge_samples(
     offset = columns * across_x + rows * across_y
     valid &= np.abs(offset - bow * (u**2 - 1)) <= each(bands.reach) + np.float32(0.5)
 
-    def flat(part: Singles) -> Singles:
-        return part.reshape(len(length), -1)
-
     # A pixel of a short side is met several times; its weight is that of one pixel.
     repeat = np.minimum(1.0, free / many)[:, None]
-    return (
-        flat(u),
-        flat(offset.astype(np.float32, copy=False)),
-        flat(light),
-        flat((valid * repeat[..., None]).astype(np.float32)),
-    )
+    parts = u, offset, light, valid * repeat[..., None]
+    u, offset, light, weight = (part.reshape(len(length), -1).astype(np.float32, copy=False) for part in parts)
+    return u, offset, light, weight
 
 
 def _edge_iterations(
