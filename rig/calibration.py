@@ -12,6 +12,7 @@ from quadrig.rig.culprits.carried import carried_sentence, may_be_carried, throu
 from quadrig.rig.culprits.lenses import freed, lens_sentences, wrong_lenses
 from quadrig.rig.culprits.pictures import no_pictures, set_aside, size_sentences
 from quadrig.rig.culprits.sheets import measured, resized, wrong_size
+from quadrig.rig.culprits.surveys import found_instead, misplaced
 from quadrig.rig.doubt.weaknesses import never_seen
 from quadrig.rig.joint.assemble import assemble_rig, camera_covariance
 from quadrig.rig.joint.clock_rounds import Solved, solve_with_clocks
@@ -127,12 +128,14 @@ def _rigs(problem: Problem, order: Sequence[str], reference: str | None) -> list
                 rigs += _rigs(of_cameras(part, own), order, reference)
             continue
         solved, carried = _as_carried(solved, frame)
+        solved, surveys = _with_surveys(solved, frame)
         solved, loose = _with_loose_rectangles(solved, frame)
         solved, sizes = _with_sizes(solved, frame)
         covariance = camera_covariance(solved.joint, solved.joint.covariance)
         rig = assemble_rig(solved.problem, solved.joint, solved.first, covariance, frame, placed)
         accused = (
             *carried,
+            *surveys,
             *loose,
             *sizes,
             *lens_sentences(part.cameras, wrong_lenses(solved), rig),
@@ -168,6 +171,18 @@ def _as_carried(solved: Solved, frame: str) -> tuple[Solved, list[str]]:
     again = _solved(through_a_room(solved.problem), frame)
     said = carried_sentence(solved, again) if isinstance(again, Solved) else ""
     return (again, [said]) if said and isinstance(again, Solved) else (solved, [])
+
+
+def _with_surveys(solved: Solved, frame: str) -> tuple[Solved, list[str]]:
+    """The rig with the poses on bodies found that were given, but that all others contradict; and what to say."""
+    said: list[str] = []
+    while len(said) < _MOST_LOOSE and (wrong := misplaced(solved)):
+        again = _solved(found_instead(solved.problem, wrong.name), frame)
+        if not isinstance(again, Solved):
+            break
+        said.append(wrong.sentence)
+        solved = again
+    return solved, said
 
 
 def _with_loose_rectangles(solved: Solved, frame: str) -> tuple[Solved, list[str]]:

@@ -70,12 +70,10 @@ def placed_poses(problem: Problem, joint: Joint, widening: float, covariance: Fl
     seen[joint.observations.node[~joint.inliers.rejected]] = True
     layouts, alone = np.zeros((2, count, 6, count, 6))
     across = np.zeros((len(seen), 6, count, 6))
-    units, size = joint.reduced.free.shape
-    begin, cameras = len(joint.adjustment.columns), len(state.lens)
-    columns = (np.arange(cameras, units)[:, None] * size + begin + np.arange(6)).ravel()
+    columns = _layout_columns(joint)
     if found:
         firm, by_unit = joint.covariance[:, columns], joint.bordered.by_unit[columns]
-        layouts[:found, :, :found] = (firm[columns] + by_unit @ by_unit.T).reshape(found, 6, found, 6)
+        layouts[:found, :, :found] = layout_covariance(joint)
         alone[:found, :, :found] = covariance[np.ix_(columns, columns)].reshape(found, 6, found, 6)
         # A node follows the units by - N^-1 P', and the systematic errors directly.
         followed = joint.bordered.border.pairs.T @ firm
@@ -91,6 +89,20 @@ def placed_poses(problem: Problem, joint: Joint, widening: float, covariance: Fl
         alone,
         seen,
     )
+
+
+def layout_covariance(joint: Joint) -> Floats:
+    """Covariance (F, 6, F, 6) of the twists of the poses on bodies that are to be found."""
+    columns = _layout_columns(joint)
+    by_unit, found = joint.bordered.by_unit[columns], len(columns) // 6
+    return (joint.covariance[np.ix_(columns, columns)] + by_unit @ by_unit.T).reshape(found, 6, found, 6)
+
+
+def _layout_columns(joint: Joint) -> Ints:
+    """Where (6 F,) those poses stand among the units' parameters."""
+    units, size = joint.reduced.free.shape
+    first = np.arange(len(joint.predicted.lens), units)[:, None] * size + len(joint.adjustment.columns)
+    return (first + np.arange(6)).ravel()
 
 
 def node_covariances(joint: Joint) -> Floats:
