@@ -1,8 +1,10 @@
 """A disk that is full, wherever it is noticed: one sentence, the old file whole, nothing else left."""
 
+import errno
 import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from io import StringIO
 from pathlib import Path
 
 import cv2
@@ -112,3 +114,19 @@ def test_what_is_written_over_a_long_time_says_so_too(folder, write: Callable[[P
     assert {name: data for name, data in contents(folder).items() if name != ".x.mcap.part"} == before
     write(folder / "x.mcap")
     assert contents(folder).keys() == before.keys()
+
+
+class FullOutput(StringIO):
+    """Standard output into a file on a full disk."""
+
+    def write(self, _text: str, /) -> int:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+
+@pytest.mark.parametrize("command", ["info rig.mcap", "info rig.mcap --json", "--help"])
+def test_output_without_room_is_one_sentence(command, folder, monkeypatch, capsys) -> None:
+    with monkeypatch.context() as standing:
+        standing.setattr("sys.stdout", FullOutput())
+        assert run(command.split()) == 1
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1 and "cannot write the output: no space left" in said
