@@ -20,7 +20,7 @@ FIRST_IMAGES = 5
 class RecordedCamera:
     """One camera of a recording.
 
-    topic: of an MCAP recording, else the path of the video or folder. width, height: px, of its first image.
+    topic: of an MCAP recording, else the path of the video or folder. width, height: px, of most of its images.
     prior: the lens that the recording brings along, if any. frames: how many images it has.
     """
 

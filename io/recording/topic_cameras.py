@@ -1,7 +1,10 @@
 """The cameras among the topics of recordings: those whose messages carry images, with the lens that comes along."""
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+
+import numpy as np
 
 from quadrig.io.recording.camera import FIRST_IMAGES, RecordedCamera, camera_name, camera_of_source
 from quadrig.io.recording.decode_image import decode_image, is_depth
@@ -45,7 +48,8 @@ def _camera_of_topic(
     messages = McapMessages.of(topics)
     reason = "there are none"
     with messages.opened() as opened:
-        for index in range(min(FIRST_IMAGES, len(messages))):
+        sizes: dict[int, tuple[int, int]] = {}
+        for index in _sample(len(messages)):
             try:
                 coded = opened.image(index)
                 if is_depth(coded.encoding) and not asked:
@@ -53,15 +57,28 @@ def _camera_of_topic(
                     return None
                 if holds_video(messages.schema):
                     return camera_of_source(camera_name(name), name, McapVideo(messages, coded.encoding))
+                sizes[index] = read_header(coded.data).size if coded.width == 0 else (coded.width, coded.height)
+            except ValueError as error:
+                reason = str(error)
+        count = Counter(sizes.values())
+        for index in sorted(sizes, key=lambda one: -count[sizes[one]]):
+            try:
+                coded = opened.image(index)
                 height, width = decode_image(coded).shape
-                if coded.width == 0 and (turned := read_header(coded.data).turned):
-                    notes.append(f"topic {name}: its pictures are {turned}, as their EXIF says")
             except ValueError as error:
                 reason = str(error)
                 continue
+            if coded.width == 0 and (turned := read_header(coded.data).turned):
+                notes.append(f"topic {name}: its pictures are {turned}, as their EXIF says")
             return RecordedCamera(camera_name(name), name, width, height, McapImages(messages, coded.encoding))
     notes.append(f"topic {name} is not used: its images cannot be read ({reason})")
     return None
+
+
+def _sample(count: int) -> list[int]:
+    """The images that a topic's size is taken from: the first, and as many over all, for the first may be odd."""
+    spread = np.linspace(0, count - 1, min(FIRST_IMAGES, count)).round().astype(int)
+    return sorted({*range(min(FIRST_IMAGES, count)), *spread.tolist()})
 
 
 def _with_prior(camera: RecordedCamera, priors: Mapping[str, TopicMessages], notes: list[str]) -> RecordedCamera:

@@ -26,6 +26,7 @@ class _Task:
     camera: str
     source: ImageSource
     rectangles: tuple[Rectangle, ...]
+    size: tuple[int, int]
 
 
 def plain_sights(
@@ -39,7 +40,7 @@ def plain_sights(
         images = framesets.of_camera(camera.name)[1]
         if looked_for and len(images) and camera.name not in seeing:
             sample = images[np.linspace(0, len(images) - 1, min(_SAMPLES, len(images))).round().astype(int)]
-            tasks.append(_Task(camera.name, camera.source.part(sample), looked_for))
+            tasks.append(_Task(camera.name, camera.source.part(sample), looked_for, (camera.width, camera.height)))
     return {
         tasks[index].camera: sentence
         for index, sentence in run_tasks(_look, tasks, effort.workers, effort.executor)
@@ -48,9 +49,9 @@ def plain_sights(
 
 
 def _look(task: _Task) -> str | None:
-    return sight_sentence(
-        task.camera, [image for image in task.source.images() if image is not None], task.rectangles
-    )
+    # Those of another size were not searched: what they show is no reason.
+    searched = [image for image in task.source.images() if image is not None and image.shape[1::-1] == task.size]
+    return sight_sentence(task.camera, searched, task.rectangles)
 
 
 def sight_sentence(who: str, pictures: Sequence[Picture], rectangles: Sequence[Rectangle]) -> str | None:

@@ -87,7 +87,8 @@ class CharucoMarking(TaggedMarking, BoardMarking):
             replace(self, columns=columns, rows=rows, legacy=legacy, inverted=inverted)
             for legacy, inverted in kinds
             for columns, rows in sizes
-            if (columns * rows + 1) // 2 <= most
+            # With odd rows the older pattern is the same picture.
+            if (columns * rows + 1) // 2 <= most and (rows % 2 == 0 or legacy == self.legacy)
         ]
 
     def scaled(self, scale: float, /) -> Self:

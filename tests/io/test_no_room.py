@@ -123,10 +123,12 @@ class FullOutput(StringIO):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
 
+@pytest.mark.usefixtures("folder")
 @pytest.mark.parametrize("command", ["info rig.mcap", "info rig.mcap --json", "--help"])
-def test_output_without_room_is_one_sentence(command, folder, monkeypatch, capsys) -> None:
+def test_output_without_room_is_one_sentence(command, monkeypatch, capsys) -> None:
     with monkeypatch.context() as standing:
         standing.setattr("sys.stdout", FullOutput())
         assert run(command.split()) == 1
     said = capsys.readouterr().err
-    assert said.count("\n") == 1 and "cannot write the output: no space left" in said
+    assert said.count("\n") == 1
+    assert "cannot write the output: no space left" in said

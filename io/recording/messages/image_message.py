@@ -140,9 +140,9 @@ def read_image(encoding: str, schema: str, data: bytes) -> EncodedImage:
     if encoding == "cdr":
         message = _cdr_decoder(schema)(data)
         if schema == "sensor_msgs/msg/CompressedImage":
-            return EncodedImage(message.format.lower(), message.data)
+            return EncodedImage(_word(message.format), message.data)
         return EncodedImage(
-            message.encoding.lower(), message.data, message.width, message.height, message.step,
+            _word(message.encoding), message.data, message.width, message.height, message.step,
             bool(message.is_bigendian),
         )  # fmt: skip
     message = _foxglove_message(encoding, schema, data)
@@ -161,7 +161,7 @@ def read_lens(encoding: str, schema: str, data: bytes) -> tuple[Intrinsics | Non
     schema = canonical_schema(schema)
     if encoding == "cdr":
         message = _cdr_decoder(schema)(data)
-        fields = (message.width, message.height, message.distortion_model, message.d, message.k)
+        fields = (message.width, message.height, _word(message.distortion_model), message.d, message.k)
     else:
         message = _foxglove_message(encoding, schema, data)
         fields = (message.width, message.height, message.distortion_model, message.D, message.K)
@@ -191,12 +191,18 @@ def _intrinsics(width: int, height: int, model: str, d: Any, k: Any) -> tuple[In
     return Intrinsics(int(width), int(height), focal, centre, coefficients, aspect, lens), remark
 
 
+def _word(text: bytes) -> str:
+    """A text as _cdr_decoder leaves it."""
+    return text.partition(b"\0")[0].decode(errors="replace").lower()
+
+
 @cache
 def _cdr_decoder(schema: str) -> Callable[[bytes], Any]:
     from mcap.records import Schema
     from mcap_ros2.decoder import DecoderFactory
 
-    text = ROS2_DEFINITIONS[schema].encode()
+    # A text lies in CDR as a list of bytes does. Taken as such, one that is no UTF-8 costs no picture: a mere name.
+    text = re.sub(r"^string ", "uint8[] ", ROS2_DEFINITIONS[schema], flags=re.MULTILINE).encode()
     decoder = DecoderFactory().decoder_for("cdr", Schema(id=1, data=text, encoding="ros2msg", name=schema))
     assert decoder is not None
     return decoder

@@ -1,5 +1,7 @@
 """What stands out where nothing was found, on rendered pictures and real ones."""
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
@@ -67,6 +69,15 @@ def test_a_board_that_is_described_otherwise_is_no_view_and_its_description_is_f
     sight = plain_sight(taken, [bearing(given)])
     assert sight is not None
     assert sight.marking == shown
+
+
+@pytest.mark.parametrize("legacy", [False, True])
+def test_the_older_pattern_is_not_proposed_where_it_is_the_same_picture(legacy):
+    marking = CharucoMarking(4, 5, 0.04, 0.03, "aruco_4x4_50", legacy=legacy)
+    other = replace(marking, legacy=not legacy)
+    first, second = pictures(marking)[0], pictures(other)[0]
+    assert np.array_equal(first, second)
+    assert other not in marking.meant_instead(first)
 
 
 @pytest.mark.parametrize(

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from quadrig.io.recording.camera import camera_name
+from quadrig.io.recording.messages.image_message import read_image
 from quadrig.io.recording.recorded_cameras import open_recording
 from quadrig.single.errors import QuadrigError
 
@@ -289,6 +290,18 @@ def test_stamp_unset_means_time_of_recording(tmp_path, pictures):
             data = cv2.imencode(".png", pictures.picture(k))[1].tobytes()
             channel.log(CompressedImage(data=data, format="png"), log_time=START + k * PERIOD)
     check(tmp_path / "a.mcap", pictures)
+
+
+def test_names_that_are_no_utf8_cost_no_picture(tmp_path, pictures):
+    from mcap.reader import make_reader
+
+    schema, data = "sensor_msgs/msg/CompressedImage", cv2.imencode(".png", pictures.picture(3))[1].tobytes()
+    write_ros2(tmp_path / "bag.mcap", [{"format": "png", "data": data}], schema)
+    with (tmp_path / "bag.mcap").open("rb") as stream:
+        (message,) = (message.data for _, _, message in make_reader(stream).iter_messages())
+    assert b"optical" in message
+    image = read_image("cdr", schema, message.replace(b"optical", b"\xff\xfe\0ical"))
+    assert (image.encoding, image.data) == ("png", data)
 
 
 def test_depth_is_no_camera_and_a_broken_image_is_left_out(tmp_path, pictures):
