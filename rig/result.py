@@ -35,10 +35,10 @@ class Camera:
 
     free_lens: the lens parameters that were estimated (the others kept their given or neutral values);
     lens_reason: why that lens, in words. rms: px, over the used points of the fit; views: how many Views it used.
-    observable_focal: False where focal and distance cannot be separated. clock_offset: s, by how much later than
-    the mean of the cameras it takes its pictures for one and the same stamp; zero where it is not observable. A
-    picture is taken when its middle row is. line_time, with its sigma: s from one row to the next, as given or as
-    what moved shows it; nan where not known.
+    observable_focal: False where focal and distance cannot be separated. clock_offset, with its sigma: s, by how much
+    later than the mean of the cameras it takes its pictures for one and the same stamp; zero, and nan, where it is
+    not observable. A picture is taken when its middle row is. line_time, with its sigma: s from one row to the next,
+    as given or as what moved shows it; nan where not known.
     remainder: px, root mean square over the picture of the smooth shifts of its pixels that the lens model does not
     have; nan where it is not known.
     lens_evidence: what its Views say of its lens, for another calibration of it; None where they were not asked for
@@ -55,6 +55,7 @@ class Camera:
     views: int = 0
     observable_focal: bool = True
     clock_offset: float = 0.0
+    clock_offset_sigma: float = float("nan")
     lens_evidence: LensEvidence | None = None
     remainder: float = float("nan")
     line_time: float = float("nan")

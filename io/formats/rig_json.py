@@ -51,6 +51,7 @@ class _Sigma(msgspec.Struct):
     rotation_deg: float | None = None
     position_m: float | None = None
     line_time_s: float | None = None
+    clock_offset_s: float | None = None
 
 
 class _Lens(msgspec.Struct, kw_only=True):
@@ -223,6 +224,7 @@ def _rig_of(cameras: Mapping[str, _Lens], poses: Mapping[str, Pose], frame: str,
             clock_offset=held.clock_offset_s,
             line_time=_or_nan(held.line_time_s),
             line_time_sigma=_or_nan(held.sigma.line_time_s),
+            clock_offset_sigma=_or_nan(held.sigma.clock_offset_s),
         )
         for camera, held in zip(rig.cameras, cameras.values(), strict=True)
     )
@@ -283,6 +285,7 @@ def _camera_values(rig: Rig, camera: Camera) -> dict[str, Any]:
             "rotation_deg": np.degrees(rig.rotation_sigma(camera.name)),
             "position_m": rig.position_sigma(camera.name),
             "line_time_s": camera.line_time_sigma,
+            "clock_offset_s": camera.clock_offset_sigma,
             "lens": {name: sigma for name, sigma in stated.items() if name not in _POSE_STEP},
             "pose": {name: stated[name] for name in _POSE_STEP},
         },
@@ -295,7 +298,7 @@ def _camera_values(rig: Rig, camera: Camera) -> dict[str, Any]:
 def _lens_values(rig: Rig, camera: Camera) -> dict[str, Any]:
     """The values of a camera that has no pose."""
     values = _camera_values(rig, camera)
-    own = ("focal_px", "lens_px", "lens", "line_time_s")
+    own = ("focal_px", "lens_px", "lens", "line_time_s", "clock_offset_s")
     sigma = {key: value for key, value in values["sigma"].items() if key in own}
     return {**{key: value for key, value in values.items() if key != "rig_from_camera"}, "sigma": sigma}
 

@@ -47,10 +47,10 @@ def _sentences(rig: Rig, camera: Camera) -> list[str]:
         )
     base, offsets = clock_offsets(rig)
     if camera.name in offsets and camera.name != base:
-        late = 1e3 * offsets[camera.name]
+        late, sigma = offsets[camera.name]
         sentences.append(
-            f"Its pictures were taken {abs(late):.1f} ms {'later' if late > 0 else 'earlier'} than those of {base} "
-            "with the same stamp."
+            f"Its pictures were taken {with_sigma(1e3 * abs(late), 1e3 * sigma)} ms "
+            f"{'later' if late > 0 else 'earlier'} than those of {base} with the same stamp."
         )
     if np.isfinite(camera.line_time):
         since = "as given" if camera.line_time_sigma == 0 else "as what moved shows"

@@ -59,6 +59,7 @@ class CameraRecord(msgspec.Struct):
     clock_offset: Number = 0.0
     line_time: Number = None
     line_time_sigma: Number = None
+    clock_offset_sigma: Number = None
     lens_evidence: EvidenceRecord | None = None
     remainder: Number = None
 
@@ -243,6 +244,7 @@ def _camera_record(camera: Camera) -> CameraRecord:
         clock_offset=number(camera.clock_offset),
         line_time=number(camera.line_time),
         line_time_sigma=number(camera.line_time_sigma),
+        clock_offset_sigma=number(camera.clock_offset_sigma),
         remainder=number(camera.remainder),
         lens_evidence=None
         if evidence is None
@@ -273,6 +275,7 @@ def _camera(held: CameraRecord) -> Camera:
         clock_offset=read_number(held.clock_offset),
         line_time=read_number(held.line_time),
         line_time_sigma=read_number(held.line_time_sigma),
+        clock_offset_sigma=read_number(held.clock_offset_sigma),
         remainder=read_number(held.remainder),
         lens_evidence=None
         if evidence is None

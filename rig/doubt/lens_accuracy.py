@@ -11,6 +11,8 @@ from quadrig.single.rotation import cross_matrix
 _FIELDS = 8
 # Of the picture's width: a guess from its size alone is hardly worse.
 _NO_LENS = 0.1
+# Of what was seen, what two cameras saw: below this share the volume that was covered is not one to triangulate in.
+_MOSTLY = 0.5
 
 
 def lens_accuracy(rig: Rig, name: str) -> float:
@@ -35,12 +37,13 @@ def lens_accuracy(rig: Rig, name: str) -> float:
 
 
 def accuracy_in_words(rig: Rig) -> str:
-    """What a rig is good for: points in the volume it covered; where its cameras are, if it is carried and no two of
-    them see one place; directions, where it is of one camera."""
+    """What a rig is good for: points in the volume it covered; where its cameras are, if it is carried and hardly two
+    of them see one place; directions, where it is of one camera."""
     if len(rig.cameras) > 1 and poses_alone(rig):
         shift = accuracy(rig)
         turn = np.degrees(max(rig.rotation_sigma(camera.name) for camera in rig.cameras))
-        return f"where its cameras are, to {length(shift)} and {turn:.2g} degrees (no two of them see one place)"
+        known = f"{length(shift)} and {turn:.2g} degrees"
+        return f"where its cameras are, to {known} (what one of them sees hardly another does)"
     if len(rig.cameras) > 1:
         return f"{length(rig.working_accuracy)} in the volume you covered"
     camera = next(iter(rig.cameras))
@@ -69,5 +72,17 @@ def accuracy(rig: Rig) -> float:
 
 
 def poses_alone(rig: Rig) -> bool:
-    """Whether a rig is carried and no point is seen by two of its cameras, so that poses are all that it is for."""
-    return rig.room is not None and rig.is_doubt_known and not np.isfinite(rig.working_accuracy)
+    """Whether a rig is carried and most of what was seen was seen by one of its cameras, so that poses are all that
+    it is for: in slivers that two cameras share at the rims of their pictures no point is triangulated well."""
+    if rig.room is None or not rig.is_doubt_known:
+        return False
+    return not np.isfinite(rig.working_accuracy) or _shared(rig) < _MOSTLY
+
+
+def _shared(rig: Rig) -> float:
+    """Of what was seen, a rectangle at a time, the share that two cameras saw or more; 1 where no View is known."""
+    watchers: dict[tuple[str, int], set[str]] = {}
+    for fit in rig.fits:
+        if not fit.rejected:
+            watchers.setdefault((fit.view.rectangle, fit.view.frameset), set()).add(fit.view.camera)
+    return float(np.mean([len(cameras) > 1 for cameras in watchers.values()])) if watchers else 1.0

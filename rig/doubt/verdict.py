@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 
 from quadrig.rig.doubt.disagreement import Disagreement, disagreements
-from quadrig.rig.doubt.lens_accuracy import accuracy_in_words, is_determined
+from quadrig.rig.doubt.lens_accuracy import accuracy_in_words, is_determined, poses_alone
 from quadrig.rig.doubt.misfit import misfits
 from quadrig.rig.doubt.residual_field import residual_field
 from quadrig.rig.doubt.weaknesses import bent_sheets
@@ -108,7 +108,8 @@ def _headline(rig: Rig, grade: Grade, broken: bool) -> str:
 def _holds(rig: Rig) -> str:
     """Of what the working accuracy holds, and what stands beside it: the noise of a point's own pixels, and the scale
     of all lengths."""
-    if len(rig.cameras) < 2 or not (is_determined(rig) and np.isfinite([rig.point_accuracy, rig.scale_sigma]).all()):
+    figures = np.isfinite([rig.working_accuracy, rig.point_accuracy, rig.scale_sigma]).all()
+    if len(rig.cameras) < 2 or poses_alone(rig) or not figures:
         return ""
     positions = np.array([camera.rig_from_camera.translation for camera in rig.cameras])
     span = float(np.linalg.norm(positions[:, None] - positions, axis=-1).max())

@@ -22,6 +22,8 @@ _NOTABLE = 0.1
 _USUAL_WIDTH = 1280
 # Clocks that agree this well (s) displace a hand-held rectangle by less than a corner's noise.
 _NOTABLE_OFFSET = 0.003
+# Sigmas from which clocks are said to disagree: poses between framesets are a curve's, not the noise's of a corner.
+_SURE_OFFSET = 5.0
 # The share of a picture (in a grid of 4 x 4) below which the lens is a guess outside of what was covered.
 _LITTLE_COVER = 0.4
 _GRID = 4
@@ -134,27 +136,31 @@ def never_seen(rectangles: Sequence[Rectangle], views: Sequence[View]) -> list[s
     ]
 
 
-def clock_offsets(rig: Rig) -> tuple[str, dict[str, float]]:
-    """By how much later than a camera of that name each other takes its pictures of one stamp, s; none where no clock
-    was compared.
+def clock_offsets(rig: Rig) -> tuple[str, dict[str, tuple[float, float]]]:
+    """By how much later than a camera of that name each other takes its pictures of one stamp, and the sigma of that,
+    s; none where no clock was compared.
 
     Against the clock of the camera that agrees with most others, for only differences of clocks can be known.
     """
-    known = {camera.name: camera.clock_offset for camera in rig.cameras if camera.clock_offset}
+    known = {camera.name: camera for camera in rig.cameras if camera.clock_offset}
     if not known:
         return "", {}
-    offsets = np.array(list(known.values()))
-    base = list(known)[int(np.argmin(np.abs(offsets[:, None] - offsets).sum(axis=0)))]
-    return base, {name: offset - known[base] for name, offset in known.items()}
+    offsets = np.array([camera.clock_offset for camera in known.values()])
+    base = known[list(known)[int(np.argmin(np.abs(offsets[:, None] - offsets).sum(axis=0)))]]
+    # No difference is less sure than both together: that of two cameras, about their mean, is as unsure as that.
+    return base.name, {
+        name: (camera.clock_offset - base.clock_offset, camera.clock_offset_sigma + base.clock_offset_sigma)
+        for name, camera in known.items()
+    }
 
 
 def clocks_apart(rig: Rig) -> list[str]:
-    """Which clocks disagree, in a sentence, [] where none do."""
+    """Which clocks disagree, in a sentence, [] where none do for sure."""
     base, offsets = clock_offsets(rig)
     when = [
-        f"{1000 * abs(late):.0f} ms {'later' if late > 0 else 'earlier'} by {name}"
-        for name, late in offsets.items()
-        if abs(late) > _NOTABLE_OFFSET
+        f"{with_sigma(1e3 * abs(late), 1e3 * sigma)} ms {'later' if late > 0 else 'earlier'} by {name}"
+        for name, (late, sigma) in offsets.items()
+        if abs(late) > max(_NOTABLE_OFFSET, _SURE_OFFSET * sigma)
     ]
     if not when:
         return []

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from quadrig.rig.adjustment.motion import CLOCK_INFORMATION
+from quadrig.rig.adjustment.motion import CLOCK, CLOCK_INFORMATION
 from quadrig.rig.adjustment.normal_equations import residual_squares, residuals
 from quadrig.rig.adjustment.state import LENS
 from quadrig.rig.adjustment.twist_jacobians import step_by_camera_twist
@@ -39,7 +39,7 @@ def cameras_of(problem: Problem, joint: Joint, lenses: DeliveredLenses, covarian
     """The cameras, with lens and pose but without the figures that need the Views' fits. covariance (E M, E M): of
     the units."""
     rig_from_camera = joint.adjustment.state.camera_from_rig.inverse()
-    offsets, lines = _clock_offsets(joint), _line_times(problem, joint, covariance)
+    offsets, lines = _clock_offsets(joint, covariance), _line_times(problem, joint, covariance)
     cameras = []
     for row, given in enumerate(problem.cameras):
         lens = lenses.lens[row]
@@ -51,7 +51,8 @@ def cameras_of(problem: Problem, joint: Joint, lenses: DeliveredLenses, covarian
                 rig_from_camera[row],
                 free,
                 _lens_reason(given, joint.priors.kinds[row]),
-                clock_offset=float(offsets[row]),
+                clock_offset=float(offsets[row, 0]),
+                clock_offset_sigma=float(offsets[row, 1]),
                 line_time=float(lines[row, 0]),
                 line_time_sigma=float(lines[row, 1]),
                 remainder=float(lenses.remainder[row]),
@@ -72,13 +73,19 @@ def _lens_reason(given: CameraInput, kinds: Floats) -> str:
     return f"all parameters estimated; like lenses that are {CLASS_NAMES[likely]} ({100 * kinds[likely]:.0f} %)"
 
 
-def _clock_offsets(joint: Joint) -> Floats:
-    """Offsets (C,) s about their mean, zero for cameras whose clock is not observable."""
-    state = joint.adjustment.state
-    if state.motion is None or state.clocks is None:
-        return np.zeros(len(state.lens))
-    known, offsets = state.motion.observable, state.clocks[:, 0]
-    return np.where(known, offsets - offsets[known].mean(), 0.0) if known.any() else np.zeros(len(known))
+def _clock_offsets(joint: Joint, covariance: Floats) -> Floats:
+    """Offsets about their mean and the sigmas of these (C, 2), s; zero and nan for cameras whose clock is not
+    observable. covariance (E M, E M): of the units."""
+    state, size = joint.adjustment.state, joint.reduced.free.shape[1]
+    offsets = np.tile([0.0, np.nan], (len(state.lens), 1))
+    if state.motion is None or state.clocks is None or not state.motion.observable.any():
+        return offsets
+    known = np.flatnonzero(state.motion.observable)
+    columns = known * size + size - CLOCK
+    about_mean = np.eye(len(known)) - 1 / len(known)
+    offsets[known, 0] = about_mean @ state.clocks[known, 0]
+    offsets[known, 1] = np.sqrt(np.diagonal(about_mean @ covariance[np.ix_(columns, columns)] @ about_mean))
+    return offsets
 
 
 def _line_times(problem: Problem, joint: Joint, covariance: Floats) -> Floats:

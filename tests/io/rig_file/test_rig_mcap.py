@@ -94,10 +94,10 @@ def test_bodies_come_back_to_the_last_bit(count, framesets, example_rig, tmp_pat
 
     rng = np.random.default_rng([count, framesets])
     bodies = random_body(rng, "box", count, framesets), random_body(rng, "wall", 2, 0)
-    times = rng.normal(size=(len(example_rig.cameras), 3)) * [0.1, 1e-5, 1e-7]
+    times = rng.normal(size=(len(example_rig.cameras), 4)) * [0.1, 1e-4, 1e-5, 1e-7]
     cameras = tuple(
-        replace(camera, clock_offset=late, line_time=line, line_time_sigma=sigma)
-        for camera, (late, line, sigma) in zip(example_rig.cameras, times.tolist(), strict=True)
+        replace(camera, clock_offset=late, clock_offset_sigma=unsure, line_time=line, line_time_sigma=sigma)
+        for camera, (late, unsure, line, sigma) in zip(example_rig.cameras, times.tolist(), strict=True)
     )
     rig = replace(example_rig, bodies=bodies, cameras=cameras)
     write_rig(tmp_path / "rig.mcap", rig)

@@ -6,7 +6,7 @@ import numpy as np
 
 from quadrig.rig.calibration import calibrate
 from quadrig.rig.doubt.verdict import verdict, weak_points
-from quadrig.rig.doubt.weaknesses import bent_sheets, weaknesses
+from quadrig.rig.doubt.weaknesses import bent_sheets, clocks_apart, weaknesses
 from quadrig.rig.sheet_shape import SheetShape
 from quadrig.single.rectangle import Rectangle
 
@@ -74,3 +74,21 @@ def test_bent_sheets_are_in_the_list_and_no_reason_for_care(board_rig):
     assert said in weaknesses(bowed)
     assert verdict(replace(rig, weak=(said,))).grade == "with care"
     assert verdict(replace(bowed, weak=(said,))).grade == verdict(replace(rig, weak=())).grade
+
+
+def test_clocks_disagree_only_where_they_surely_do_and_it_matters(board_rig):
+    """A clock that is 5 ms late, known to 0.4 ms or to 2; and one that is 1 ms late, known well."""
+    _, rig = board_rig
+
+    def said(late, sigma):
+        offsets = [-late / 2, late / 2]
+        cameras = [
+            replace(camera, clock_offset=offset, clock_offset_sigma=sigma / 2)
+            for camera, offset in zip(rig.cameras, offsets, strict=False)
+        ]
+        return clocks_apart(replace(rig, cameras=(*cameras, *rig.cameras[2:])))
+
+    (sentence,) = said(0.005, 0.0004)
+    assert "taken 5.00 \u00b1 0.40 ms later by cam1" in sentence
+    assert not said(0.005, 0.002)
+    assert not said(0.001, 0.0001)
