@@ -174,6 +174,12 @@ def vehicle(rng: np.random.Generator, lens: Lens, framesets: int = 120) -> Carri
     return _each_its_board(rng, lens, framesets, way)
 
 
+def spinning(rng: np.random.Generator, lens: Lens, framesets: int = 120) -> Carried:
+    """The same on a turntable, about one fixed axis: what nobody could find, so no world of the benchmark."""
+    way = path(rng, framesets, np.zeros(3), np.array([0.0, 0.35, 0.0]))
+    return _each_its_board(rng, lens, framesets, lambda time: Pose(way(time).rotation, np.zeros(3)))
+
+
 def _each_its_board(rng: np.random.Generator, lens: Lens, framesets: int, way: Path) -> Carried:
     boards = {}
     for number, side in enumerate((1.0, -1.0)):

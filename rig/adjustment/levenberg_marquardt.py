@@ -17,7 +17,7 @@ from quadrig.rig.adjustment.normal_equations import (
     residual_squares,
     weighed,
 )
-from quadrig.rig.adjustment.pose_priors import LayoutPrior, PositionPrior
+from quadrig.rig.adjustment.pose_priors import LayoutPrior, MotionPrior
 from quadrig.rig.adjustment.schur import Reduced, eliminate, node_steps, solve_units
 from quadrig.rig.adjustment.slack import EliminatedSlack, SlackPrior, eliminate_slack, slack_steps
 from quadrig.rig.adjustment.state import LENS, State, chain_derivatives
@@ -38,8 +38,7 @@ class FreeParameters:
 
     lens (C, 9) bool, pose (C,) bool, node (N,) bool. prior_mean (C, 9), prior_information (C, 9, 9): Gaussian priors
     of the lenses. slack: the prior of each View's slack, None where no View has any. layouts: of the poses of
-    rectangles on their bodies, which may change where is_layout_free. positions: of cameras, where motion leaves them
-    open.
+    rectangles on their bodies, which may change where is_layout_free. motions: of cameras, where nothing shows them.
     """
 
     lens: Mask
@@ -50,7 +49,7 @@ class FreeParameters:
     slack: SlackPrior | None = None
     layouts: LayoutPrior = field(default_factory=LayoutPrior)
     is_layout_free: bool = True
-    positions: tuple[PositionPrior, ...] = ()
+    motions: tuple[MotionPrior, ...] = ()
 
     @property
     def information(self) -> Floats:
@@ -272,7 +271,7 @@ def _prior_cost(state: State, free: FreeParameters) -> float:
         cost += float((held * state.slack**2).sum())
     if state.clocks is not None:
         cost += float((CLOCK_INFORMATION * state.clocks**2).sum())
-    cost += sum(prior.cost(state) for prior in free.positions)
+    cost += sum(prior.cost(state) for prior in free.motions)
     return cost + free.layouts.cost(state) if len(free.layouts.information) else cost
 
 
@@ -291,7 +290,7 @@ def with_prior(normal: Normal, state: State, free: FreeParameters, columns: Ints
         of_layouts, down = free.layouts.on_twists(state)
         units[cameras:, twist, twist] += of_layouts
         gradient[cameras:, twist] += down
-    for prior in free.positions:
+    for prior in free.motions:
         own, down = prior.on_twist(state)
         units[prior.camera, twist, twist] += own
         gradient[prior.camera, twist] += down

@@ -1,4 +1,4 @@
-"""What is known beforehand of poses: layouts that are given, and positions that the motion leaves open."""
+"""What is known beforehand of poses: layouts that are given, and motions of cameras that nothing shows."""
 
 from dataclasses import dataclass, field
 
@@ -34,29 +34,28 @@ class LayoutPrior:
 
 
 @dataclass(frozen=True, eq=False)
-class PositionPrior:
-    """A camera (an index) is held where it is, at a position (3,) m, along an axis (3,), both in the rig frame.
-    information: 1/m^2."""
+class MotionPrior:
+    """A camera (an index) is held at a pose, rig_from_camera, against small motions of the rig frame: twists (6, K),
+    orthonormal. information: 1/rad^2 and 1/m^2."""
 
     camera: int
-    axis: Floats
-    position: Floats
+    twists: Floats
+    rig_from_camera: Pose
     information: float
 
-    def by_twist(self, state: State) -> Floats:
-        """Derivative (6,) of the position along the axis by the twist of camera_from_rig @ exp(twist)."""
-        here = state.camera_from_rig[self.camera].inverse().translation
-        return -np.concatenate([np.cross(here, self.axis), self.axis])
+    def _motion(self, state: State) -> Pose:
+        """The motion that leads from the held pose to the state's."""
+        return state.camera_from_rig[self.camera].inverse() @ self.rig_from_camera.inverse()
 
-    def away(self, state: State) -> float:
-        """How far along the axis the camera is from where it is held, m."""
-        return float(self.axis @ (state.camera_from_rig[self.camera].inverse().translation - self.position))
+    def away(self, state: State) -> Floats:
+        """How far (K,) along the twists the camera is from where it is held."""
+        return self.twists.T @ Pose.identity().step_to(self._motion(state))
 
     def cost(self, state: State) -> float:
         """Chi-square of the state."""
-        return self.information * self.away(state) ** 2
+        return float(self.information * (self.away(state) ** 2).sum())
 
     def on_twist(self, state: State) -> tuple[Floats, Floats]:
         """Information (6, 6) on the camera's twist, and the gradient (6,) down the cost."""
-        row = self.by_twist(state)
-        return self.information * np.outer(row, row), -self.information * self.away(state) * row
+        rows = -self.twists.T @ step_by_left_twist(self._motion(state))
+        return self.information * rows.T @ rows, -self.information * rows.T @ self.away(state)

@@ -30,6 +30,10 @@ _LOOSE = 2.0
 # Four webcams whose clocks were found miss by 9, their focals within their sigmas; with clocks that were not found by
 # 13 and more, and focals 3 sigmas off: no widening of sigmas covers that.
 _BROKEN = 11.0
+# Beyond a sigma of 20 degrees (rad) a turn is no small one, about which anything could be said; beyond a few metres a
+# camera may stand anywhere in the room.
+_ANY_TURN = 0.35
+_ANYWHERE = 3.0
 
 
 @dataclass(frozen=True)
@@ -76,6 +80,8 @@ def _grade(rig: Rig, weak: Sequence[str], broken: bool) -> Grade:
         return "not yet"
     if not rig.is_doubt_known:
         return "with care"
+    if _unplaced(rig):
+        return "not yet"
     unseparated = any(not camera.observable_focal for camera in rig.cameras)
     if unseparated or not is_determined(rig) or _overfitted(rig):
         return "not yet"
@@ -90,6 +96,11 @@ def _headline(rig: Rig, grade: Grade, broken: bool) -> str:
         if len(rig.cameras) == 1:
             return "Not to be used yet: nothing that its camera saw determines a lens."
         return "Not to be used yet: no point in the room can be triangulated by two of its cameras."
+    unplaced = _unplaced(rig)
+    if unplaced and not broken:
+        names = f"{', '.join(unplaced[:-1])} and {unplaced[-1]}" if len(unplaced) > 1 else unplaced[0]
+        verb = "stand" if len(unplaced) > 1 else "stands"
+        return f"Not to be used yet: how {names} {verb} to the others is not known all round; see what is weak."
     accuracy = accuracy_in_words(rig)
     if broken:
         return f"Not to be used yet: its Views do not fit together, whatever its own figures promise ({accuracy})."
@@ -103,6 +114,15 @@ def _headline(rig: Rig, grade: Grade, broken: bool) -> str:
             "Poses need a rectangle that two cameras see at one time."
         )
     return f"Good for {accuracy}{care}"
+
+
+def _unplaced(rig: Rig) -> list[str]:
+    """Cameras whose pose is open in some direction."""
+    return [
+        camera.name
+        for camera in rig.cameras
+        if rig.rotation_sigma(camera.name) > _ANY_TURN or rig.position_sigma(camera.name) > _ANYWHERE
+    ]
 
 
 def _holds(rig: Rig) -> str:

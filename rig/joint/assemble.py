@@ -15,7 +15,7 @@ from quadrig.rig.doubt.working_accuracy import accuracy_of, covered_points
 from quadrig.rig.joint.cross_validation import cross_validate
 from quadrig.rig.joint.delivered_lens import DeliveredLenses, delivered_lenses
 from quadrig.rig.joint.known_lenses import with_evidence
-from quadrig.rig.joint.open_positions import open_positions, with_weak_positions
+from quadrig.rig.joint.open_motions import open_motions, with_open_motions
 from quadrig.rig.joint.placed import bodies_of, placed_poses, rectangles_of
 from quadrig.rig.joint.refocused import refocused
 from quadrig.rig.joint.stages import Joint
@@ -228,7 +228,7 @@ def assemble_rig(
     view_errors = view_error_variances(problem, joint)
     lenses = delivered_lenses(joint)
     widened = widened_covariance(joint, without.widening, view_errors) + lenses.by_unit @ lenses.by_unit.T
-    widened = with_weak_positions(problem, joint, first.weak, with_weak_focals(joint, widened))
+    widened = with_open_motions(problem, joint, first.by_motion, with_weak_focals(joint, widened))
     student = student_widening(joint.freedom)
     covariance = student * (covariance + camera_covariance(joint, widened - joint.covariance))
     widening = student * float(without.widening.mean())
@@ -259,7 +259,7 @@ def assemble_rig(
         dispersion=float(without.widening.mean()),
     )
     changed = refocused(problem, joint)
-    return replace(rig, weak=(*contradicted, *open_positions(problem, first.weak), *changed, *weaknesses(rig)))
+    return replace(rig, weak=(*contradicted, *open_motions(problem, first.by_motion), *changed, *weaknesses(rig)))
 
 
 def _reordered(covariance: Floats, rows: list[int]) -> Floats:

@@ -1,17 +1,18 @@
 """The joint adjustment in the frame that was asked for, of framesets that are grouped by the clocks it finds."""
 
-from collections.abc import Container
+from collections.abc import Container, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from quadrig.rig.joint.open_positions import judged
+from quadrig.rig.joint.open_motions import judged
 from quadrig.rig.joint.stages import Contradicted, Joint, solve_jointly
 from quadrig.rig.problem.build import Problem, rebuilt
 from quadrig.rig.problem.layouts import sheets_of
 from quadrig.rig.start.clock_offsets import RegroupedViews, path_clocks, regroup
 from quadrig.rig.start.lens_models import with_lens_models
 from quadrig.rig.start.lenses_and_poses import FirstCameras, first_cameras
+from quadrig.rig.start.motion_ties import MotionTie
 from quadrig.rig.start.pose_graph import FirstRig, first_rig, loose_rectangles
 from quadrig.single.arrays import Floats
 
@@ -81,15 +82,20 @@ def _one_round(
         names = [camera.name for camera, tied in zip(problem.cameras, first.connected, strict=True) if not tied]
         return problem, first, Contradicted(tuple(names))
     joint = _joint(problem, alone, first, reference, clocks)
-    if isinstance(joint, Joint) and first.weak:
-        # First lenses tilt what they see: what the motion says of positions is known once all are solved together.
-        weak = judged(problem, joint, first.weak)
-        level = {one.body for one in weak if not one.is_known}
-        if level == {one.body for one in first.weak if not one.is_known}:
-            return problem, replace(first, weak=weak), joint
-        first = _first(problem, alone, reference, level)
+    if isinstance(joint, Joint) and first.by_motion:
+        # First lenses tilt what they see: what the motion says of poses is known once all are solved together.
+        by_motion = judged(problem, joint, first.by_motion)
+        if _open(by_motion) == _open(first.by_motion):
+            return problem, replace(first, by_motion=by_motion), joint
+        first = _first(problem, alone, reference, {body for body, _ in _open(by_motion)})
+        first = replace(first, by_motion=judged(problem, joint, first.by_motion))
         joint = _joint(problem, alone, first, reference, clocks)
     return problem, first, joint
+
+
+def _open(ties: Sequence[MotionTie]) -> set[tuple[str, int]]:
+    """Bodies whose motion leaves open how cameras stand, and in how many directions."""
+    return {(one.body, one.open.shape[1]) for one in ties if one.open.size}
 
 
 def _first(problem: Problem, alone: FirstCameras, reference: str, level: Container[str] = ()) -> FirstRig:
@@ -144,5 +150,5 @@ def _in_node_frame(first: FirstRig, node: int) -> FirstRig:
         first,
         camera_from_rig=first.camera_from_rig @ rig_from_body,
         rig_from_body=body_from_rig @ first.rig_from_body,
-        weak=tuple(replace(weak, axis=body_from_rig.rotation @ weak.axis) for weak in first.weak),
+        by_motion=tuple(replace(one, shown=one.shown.moved(body_from_rig)) for one in first.by_motion),
     )

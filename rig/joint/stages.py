@@ -16,7 +16,7 @@ from quadrig.rig.adjustment.levenberg_marquardt import (
 )
 from quadrig.rig.adjustment.normal_equations import residual_squares
 from quadrig.rig.adjustment.outliers import Inliers, first_noise
-from quadrig.rig.adjustment.pose_priors import LayoutPrior, PositionPrior
+from quadrig.rig.adjustment.pose_priors import LayoutPrior, MotionPrior
 from quadrig.rig.adjustment.priors import (
     ENOUGH_POINTS,
     ROUGH,
@@ -73,7 +73,7 @@ _SIGMA = 1.0
 _NEAR = 10.0
 # Times that a step is halved before it is given up.
 _HALVINGS = 8
-# A position that the motion does not show is held to a millimetre (1/m^2).
+# A pose that the motion does not show is held to a millimetre and a thousandth of a radian (1/m^2, 1/rad^2).
 _HELD = 1e6
 # Rounds of rejecting and taking back corners: the second rarely changes anything.
 _ROUNDS = 10
@@ -146,7 +146,7 @@ def solve_jointly(
     observations = problem.observations(first.reading)
     priors = first_priors(problem, alone.lens[:, 0]).holding_focals(alone.real_tilt)
     free = _free_parameters(problem, observations, priors, standing, fixed_node)
-    free = replace(free, positions=_held_positions(first))
+    free = replace(free, motions=_held_motions(first))
     state = State(alone.lens, first.camera_from_rig, first.rig_from_body, first.body_from_rect, clocks=clocks)
     robust = _robust_stage(problem, observations, state, alone, first, free)
     if _is_one_given_up(observations, robust.inliers):
@@ -440,8 +440,8 @@ def _free_parameters(
     )
 
 
-def _held_positions(first: FirstRig) -> tuple[PositionPrior, ...]:
-    """Cameras are held where the motion says nothing of where they stand: noise would put them anywhere."""
+def _held_motions(first: FirstRig) -> tuple[MotionPrior, ...]:
+    """Cameras are held where the motion says nothing of how they stand: noise would put them anywhere."""
     rig_from_camera = first.camera_from_rig.inverse()
-    held = [(int(np.flatnonzero(weak.cameras)[0]), weak.axis) for weak in first.weak if not weak.is_known]
-    return tuple(PositionPrior(row, axis, rig_from_camera.translation[row], _HELD) for row, axis in held)
+    held = [(int(np.flatnonzero(one.cameras)[0]), one.open) for one in first.by_motion if one.open.size]
+    return tuple(MotionPrior(row, twists, rig_from_camera[row], _HELD) for row, twists in held)

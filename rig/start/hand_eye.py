@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from quadrig.rig.adjustment.twist_jacobians import step_by_inner_twist, step_by_left_twist
+from quadrig.rig.start.shown_by_motion import REAL, Shown, shown_by_motion
 from quadrig.single.arrays import Floats, Ints, Mask
 from quadrig.single.pose import Pose
 from quadrig.single.rotation import nearest_rotation, rotation_from_vector, vector_from_rotation
@@ -21,8 +22,8 @@ _FEWEST = 6
 _MOST = 150
 # Of two poses of one motion the angles agree to this many of their common sigmas, else one of them is a twin.
 _SAME_ANGLE = 4.0
-# Rotations (rad) about a second axis that are no evidence: first lenses tilt what they see by a tenth of a degree.
-_NO_EVIDENCE = 0.0017
+# Rotations (rad) about a second axis that are no evidence: lenses tilt what they see by a tenth of a degree.
+NO_EVIDENCE = 0.0017
 # Just short of a half turn (rad), past which a rotation vector may be the other way round.
 _HALF_TURN = np.pi - 0.1
 # Squares of turns that are this much above those of noise are a motion.
@@ -39,20 +40,20 @@ _AGREES = 6.0
 _HELD = 1e-2
 # Where the motion leaves open how far along its axis the groups stand, both stand level: to a millimetre (1/m^2).
 _LEVEL = 1e6
-# Of what a motion says of a position, less than this share being real, all may be chance.
-REAL = 0.5
 
 
 @dataclass(frozen=True, eq=False)
 class HandEye:
     """X = one_from_other and Y = other_part_from_part. axis (3,): unit vector along which the position of X is
     weakest, in the frame of the one; share: how much of what the motion says of that is no noise, 0 where it says
-    nothing. support: how many framesets agree, of so many voters; sigma: of X, rad and m as one."""
+    nothing; shown: of every small motion of X. support: how many framesets agree, of so many voters; sigma: of X, rad
+    and m as one."""
 
     one_from_other: Pose
     part_from_part: Pose
     axis: Floats
     share: float
+    shown: Shown
     support: int
     voters: int
     sigma: float
@@ -106,7 +107,16 @@ def hand_eye(one: Moving, other: Moving, *, is_level: bool = False) -> HandEye |
     if agrees.mean() < _MAJORITY:
         return None
     spread = float(np.hypot(np.median(one.rotation), np.median(one.translation)) / np.sqrt(agrees.sum()))
-    return HandEye(one_from_other, part_from_part, axis, share, int(agrees.sum()), len(rows), spread)
+    shown = _shown(one.part(np.flatnonzero(agrees)), other.part(np.flatnonzero(agrees)))
+    return HandEye(one_from_other, part_from_part, axis, share, shown, int(agrees.sum()), len(rows), spread)
+
+
+def _shown(one: Moving, other: Moving) -> Shown:
+    """What the motion shows of X, with the noise of both, and what first lenses may tilt."""
+    turn = np.repeat((one.rotation**2 + other.rotation**2)[:, None] / 3 + NO_EVIDENCE**2 / 2, 3, axis=1)
+    shift = np.repeat((one.translation**2 + other.translation**2)[:, None] / 3, 3, axis=1)
+    root = np.linalg.inv(step_by_left_twist(one.pose)) * np.sqrt(np.concatenate([turn, shift], axis=1))[:, None]
+    return shown_by_motion(one.pose, root @ np.swapaxes(root, -1, -2))
 
 
 def turning(rotations: Floats, sigma: Floats) -> tuple[Floats, float]:
@@ -117,7 +127,7 @@ def turning(rotations: Floats, sigma: Floats) -> tuple[Floats, float]:
     turns = vector_from_rotation(rotations[i] @ np.swapaxes(rotations[j], -1, -2))
     turns = turns[np.linalg.norm(turns, axis=1) < _HALF_TURN]
     values, axes = np.linalg.eigh(turns.T @ turns / max(len(turns), 1))
-    noise = 2 * float(np.median(sigma**2)) / 3 + _NO_EVIDENCE**2
+    noise = 2 * float(np.median(sigma**2)) / 3 + NO_EVIDENCE**2
     if values[2] < _TURNS * noise:
         return axes[:, 2], float("nan")
     return axes[:, 2], float(np.clip(1 - noise / max(values[1], np.finfo(float).tiny), 0, 1))

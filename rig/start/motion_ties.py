@@ -7,36 +7,37 @@ import numpy as np
 
 from quadrig.rig.problem.build import Problem
 from quadrig.rig.problem.layouts import body_of
-from quadrig.rig.start.hand_eye import REAL, HandEye, Moving, hand_eye
+from quadrig.rig.start.hand_eye import HandEye, Moving, hand_eye
 from quadrig.rig.start.lenses_and_poses import Candidates
 from quadrig.rig.start.motion_averaging import RelativePose
 from quadrig.rig.start.seen_poses import SeenPoses, likeliest
+from quadrig.rig.start.shown_by_motion import REAL, Shown
 from quadrig.rig.start.together import Ties, Together, camera_from_cluster, seen_together
 from quadrig.single.arrays import Floats, Ints, Mask
 from quadrig.single.pose import Pose
 
 
 @dataclass(frozen=True, eq=False)
-class WeakPosition:
-    """Where the motion of a body shows ill, along an axis (3,) of the rig frame, how cameras (C,) bool stand to the
-    others, with the rectangles (R,) bool that they see; share: how much of what it says of that is no noise."""
+class MotionTie:
+    """Cameras (C,) bool with the rectangles (R,) bool that they see, which the motion of a body alone ties to the
+    camera beside (an index) and those with it; shown: what it shows of how they stand to these, in the rig frame."""
 
     cameras: Mask
     rectangles: Mask
+    beside: int
     body: str
-    axis: Floats
-    share: float
+    shown: Shown
 
     @property
-    def is_known(self) -> bool:
-        """Whether the motion says more of it than noise does."""
-        return self.share > REAL
+    def open(self) -> Floats:
+        """Twists (6, K) of the cameras of which the motion says no more than noise does."""
+        return self.shown.open
 
 
 def tied_together(
     problem: Problem, candidates: Candidates, reference: int, level: Container[str] = ()
-) -> tuple[Together, tuple[WeakPosition, ...]]:
-    """All that is tied by what was seen at one time, and then by motion; and what motion shows ill. level: bodies
+) -> tuple[Together, tuple[MotionTie, ...]]:
+    """All that is tied by what was seen at one time, and then by motion; and what is by motion alone. level: bodies
     that are known to turn about one axis alone."""
     ties, found = Ties(), []
     while True:
@@ -47,7 +48,8 @@ def tied_together(
         if best is None:
             break
         (group, part), (other_group, other_part), tie = best
-        found.append((other_group, group, other_part, tie))
+        cameras, tied = together.cameras.group == other_group, together.rectangles.group == other_part
+        found.append((cameras, tied, group, tie.shown))
         rooted = together.rectangles.item_from_group
         part_from_other = rooted[part] @ tie.part_from_part.inverse() @ rooted[other_part].inverse()
         ties = Ties(
@@ -55,20 +57,13 @@ def tied_together(
             (*ties.rectangles, _relative(part, other_part, tie, part_from_other)),
         )
     rig_from_camera = together.cameras.item_from_group.inverse()
-    weak = []
-    for number, (other, one, part, tie) in enumerate(found):
-        if together.cameras.group[one] != reference:
-            continue
-        without = Ties(
-            *(tuple(tie for row, tie in enumerate(each) if row != number) for each in (ties.cameras, ties.rectangles))
-        )
-        apart = seen_together(problem, candidates, reference, without)
-        axis = rig_from_camera.rotation[one] @ tie.axis
-        body = body_of(list(problem.rectangles.values())[part])
-        cameras = apart.cameras.group == apart.cameras.group[other]
-        tied = apart.rectangles.group == apart.rectangles.group[part]
-        weak.append(WeakPosition(cameras, tied, body, axis, tie.share))
-    return together, tuple(weak)
+    bodies = [body_of(rectangle) for rectangle in problem.rectangles.values()]
+    by_motion = [
+        MotionTie(cameras, tied, one, bodies[int(np.flatnonzero(tied)[0])], shown.moved(rig_from_camera[one]))
+        for cameras, tied, one, shown in found
+        if together.cameras.group[one] == reference
+    ]
+    return together, tuple(by_motion)
 
 
 def _relative(left: int, right: int, tie: HandEye, left_from_right: Pose) -> RelativePose:

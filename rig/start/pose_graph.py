@@ -12,7 +12,7 @@ import numpy as np
 
 from quadrig.rig.problem.build import Problem
 from quadrig.rig.start.lenses_and_poses import Candidates
-from quadrig.rig.start.motion_ties import WeakPosition, tied_together
+from quadrig.rig.start.motion_ties import MotionTie, tied_together
 from quadrig.rig.start.relative_poses import AGREES
 from quadrig.rig.start.seen_poses import SeenPoses, best_by_key, distance_rows, likeliest
 from quadrig.rig.start.together import Together, camera_from_cluster, in_frame
@@ -25,8 +25,8 @@ class FirstRig:
     """Poses to start the joint adjustment from.
 
     camera_from_rig (C,): identity for cameras that are not connected; connected (C,) bool. rig_from_body (N,).
-    body_from_rect (L,) of the problem's layouts; together: what ties cameras and rectangles; weak: where a motion
-    about one axis leaves open where they stand.
+    body_from_rect (L,) of the problem's layouts; together: what ties cameras and rectangles; by_motion: which only
+    a motion ties, and what that shows of them.
     reading (V,): of each View; agrees (V,) bool: False where no candidate of the View fits the others.
     """
 
@@ -37,13 +37,13 @@ class FirstRig:
     together: Together
     reading: Ints
     agrees: Mask
-    weak: tuple[WeakPosition, ...] = ()
+    by_motion: tuple[MotionTie, ...] = ()
 
 
 def first_rig(problem: Problem, candidates: Candidates, reference: int, level: Container[str] = ()) -> FirstRig:
     """Poses of all that is connected to the reference camera, in its frame. level: bodies that are known to turn
     about one axis alone."""
-    together, weak = tied_together(problem, candidates, reference, level)
+    together, by_motion = tied_together(problem, candidates, reference, level)
     connected = together.cameras.group == reference
     camera_from_rig = together.cameras.item_from_group[np.where(connected, np.arange(len(connected)), reference)]
     names = {name: row for row, name in enumerate(problem.rectangles)}
@@ -54,7 +54,7 @@ def first_rig(problem: Problem, candidates: Candidates, reference: int, level: C
         problem, candidates, camera_from_rig, usable[candidates.view], together
     )
     reading = candidates.reading[choice]
-    return FirstRig(camera_from_rig, connected, rig_from_body, body_from_rect, together, reading, agrees, weak)
+    return FirstRig(camera_from_rig, connected, rig_from_body, body_from_rect, together, reading, agrees, by_motion)
 
 
 def _place_nodes(

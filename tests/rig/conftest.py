@@ -20,7 +20,7 @@ def simulated(load_script):
 
 @pytest.fixture(scope="session")
 def bodies(load_script):
-    """benchmarks/body_worlds.py: carried, turntable, vehicle, back_to_back."""
+    """benchmarks/body_worlds.py: carried, turntable, vehicle, back_to_back, spinning."""
     for name in ("simulated", "worlds"):
         # Benchmarks import one another by name.
         sys.modules.setdefault(name, load_script(f"benchmarks/{name}.py"))

@@ -192,3 +192,19 @@ def test_a_carried_rig_is_good_for_its_poses(walk, box):
     assert rig.room is rig.bodies[0]
     assert box[1].room is None
     assert "volume" in verdict(box[1]).headline
+
+
+def test_what_turning_about_one_fixed_axis_cannot_show_is_said_and_has_no_small_sigma(bodies, table_lens):
+    """Both the turn about the axis and the position along it."""
+    made = bodies.spinning(np.random.default_rng([0, 6]), table_lens, 40)
+    rig = calibrate(made.made.inputs, made.made.rectangles, made.made.views, "cam0")
+    (said,) = [sentence for sentence in rig.weak if "cannot be known" in sentence]
+    assert said.startswith("cam1: the turn about y and the position along y of the rig frame cannot be known")
+    covariance = rig.pose_covariance("cam1")
+    assert np.degrees(np.sqrt(covariance[1, 1])) > 90
+    assert np.sqrt(covariance[4, 4]) > 5
+    step = rig.camera("cam1").rig_from_camera.step_to(made.true(0, 1))
+    assert (np.abs(step) < 3.5 * np.sqrt(np.diag(covariance))).all()
+    judged = verdict(rig)
+    assert judged.grade == "not yet"
+    assert "how cam1 stands to the others is not known" in judged.headline

@@ -7,7 +7,7 @@ import pytest
 
 from quadrig.rig.adjustment.levenberg_marquardt import FreeParameters, adjust
 from quadrig.rig.adjustment.motion import Motion
-from quadrig.rig.adjustment.pose_priors import LayoutPrior, PositionPrior
+from quadrig.rig.adjustment.pose_priors import LayoutPrior, MotionPrior
 from quadrig.rig.adjustment.state import State, chain_derivatives
 from quadrig.rig.problem.build import build_problem
 from quadrig.single.pose import stacked
@@ -95,10 +95,12 @@ def test_normal_equations_have_the_cost_s_gradient_and_curvature(box):
     problem, state = box
     observations, cameras = problem.observations(), 2
     layouts = LayoutPrior(problem.layouts.given[:4], problem.layouts.information[:4])
-    position = PositionPrior(1, np.array([0.6, 0.0, 0.8]), np.array([0.4, 0.0, 0.1]), 1e4)
+    twists = np.linalg.qr(np.array([[0.1, 1.0, 0.0, 0.6, 0.0, 0.8], [0.0, 0.3, 1.0, 0.0, 0.2, 0.1]]).T)[0]
+    # Near by, as what it holds is: far off the motion's rotation vector is no linear one.
+    held = MotionPrior(1, twists, state.camera_from_rig[1].inverse().retract(np.full(6, 1e-3)), 1e4)
     free = FreeParameters(
         np.zeros((cameras, 9), bool), np.array([False, True]), np.ones(observations.nodes, bool), state.lens,
-        np.zeros((cameras, 9, 9)), layouts=layouts, positions=(position,),
+        np.zeros((cameras, 9, 9)), layouts=layouts, motions=(held,),
     )  # fmt: skip
 
     def fit(at):
