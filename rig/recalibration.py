@@ -108,7 +108,7 @@ def _in_rig_frame(problem: Problem, rig: Rig, first: FirstRig, standing: Mask) -
         first,
         camera_from_rig=Pose(rotation, translation),
         rig_from_body=rig_from_anchor @ first.rig_from_body,
-        weak=tuple(replace(weak, axis=rig_from_anchor.rotation @ weak.axis) for weak in first.weak),
+        by_motion=tuple(replace(one, shown=one.shown.moved(rig_from_anchor)) for one in first.by_motion),
     )
 
 
