@@ -18,6 +18,9 @@ from quadrig.single.rotation import vector_from_rotation
 _REJECTED, _FEWEST = 0.15, 3
 # A rectangle that by itself still has this share of those Views rejected was not the culprit.
 _STILL_REJECTED = 0.5
+# One that moves by itself strays by this share of its width, or turns by this (rad); where all of its Views were
+# rejected and it strays less, it has a place on its body that the first rig missed.
+_STRAYS = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,17 +94,21 @@ def loose_rectangle(name: str, before: Solved, after: Solved) -> LooseRectangle 
     framesets, on_body = _on_body(name, rectangle.body, after)
     moved = np.isin(framesets, lost_before)
     is_given = rectangle.body_from_rect is not None
-    if not moved.any() or (moved.all() and not is_given):
+    if not moved.any():
         return None
-    there = rectangle.body_from_rect if is_given else _middle(on_body[~moved])
+    # What stays nowhere is held against the middle of where it was.
+    there = rectangle.body_from_rect if is_given else _middle(on_body if moved.all() else on_body[~moved])
     assert there is not None
-    by = np.linalg.norm(on_body.translation - there.translation, axis=1)
-    turned = np.linalg.norm(vector_from_rotation(there.rotation.T @ on_body.rotation), axis=1)
+    off = np.linalg.norm(on_body.translation - there.translation, axis=1)
+    angles = np.linalg.norm(vector_from_rotation(there.rotation.T @ on_body.rotation), axis=1)
+    by, turned = float(np.median(off[moved])), float(np.median(angles[moved]))
+    if moved.all() and not is_given and by < _STRAYS * rectangle.width and turned < _STRAYS:
+        return None
     return LooseRectangle(
         name,
         rectangle.body,
-        float(np.median(by[moved])),
-        float(np.median(turned[moved])),
+        by,
+        turned,
         framesets[moved],
         len(framesets),
         is_given,

@@ -8,7 +8,7 @@ import numpy as np
 from quadrig.rig.culprits.pictures import in_a_quarter
 from quadrig.rig.doubt.misfit import misses
 from quadrig.rig.problem.build import Problem, of_cameras, rebuilt
-from quadrig.rig.problem.connectivity import components
+from quadrig.rig.problem.connectivity import components, seen_by_others
 from quadrig.rig.result import Rig
 from quadrig.single.arrays import Floats, Ints, Mask
 from quadrig.single.view import View
@@ -27,7 +27,8 @@ _STRAY = 0.2
 
 @dataclass(frozen=True, eq=False)
 class _Agreement:
-    """How the Views of a problem agree with a rig: which (V,) are rejected, or of cameras that were not placed."""
+    """How the Views of a problem agree with a rig: which (V,) are rejected, or of cameras that were not placed though
+    another saw the same rectangle at one time: of others of its body nobody may know how they stand to that."""
 
     problem: Problem
     rejected: Mask
@@ -37,8 +38,9 @@ class _Agreement:
         placed = {camera.name for camera in rig.cameras}
         # Views that clocks grouped anew are others, of the same pixels.
         out = {id(fit.view.pixels) for fit in rig.fits if fit.rejected}
-        bad = [view.camera not in placed or id(view.pixels) in out for view in problem.views]
-        return _Agreement(problem, np.array(bad, bool))
+        lost = np.array([view.camera not in placed for view in problem.views], bool)
+        rejected = np.array([id(view.pixels) in out for view in problem.views], bool)
+        return _Agreement(problem, rejected | (lost & seen_by_others(problem)))
 
     def shared(self, without: int = -1) -> Mask:
         """The Views (V,) of what two cameras saw at least, one camera (an index) not counted."""
@@ -83,11 +85,10 @@ def contradicting_camera(problem: Problem, rig: Rig, solve: Solve) -> str | None
 
 def why_it_contradicts(problem: Problem, name: str, alone: Rig | None, solve: Solve) -> str:
     """What is wrong with a camera that the others contradict, in words; empty where no more is known than that."""
-    if alone is None or misses(alone):
-        by = "" if alone is None else f" (by itself it misses them by {alone.rms:.0f} px)"
+    if alone is not None and misses(alone):
         return (
-            f"{name}: its corners are no pictures of the rectangles that they name, whatever its lens{by}: check the "
-            "markings' names and sizes, and how its corners were found"
+            f"{name}: its corners are no pictures of the rectangles that they name, whatever its lens (by itself it "
+            f"misses them by {alone.rms:.0f} px): check the markings' names and sizes, and how its corners were found"
         )
     size = in_a_quarter(problem, name)
     if size:

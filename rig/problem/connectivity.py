@@ -3,7 +3,7 @@
 import numpy as np
 
 from quadrig.rig.problem.build import Problem
-from quadrig.single.arrays import Ints
+from quadrig.single.arrays import Ints, Mask
 from quadrig.single.errors import QuadrigError
 
 
@@ -30,6 +30,14 @@ def components(problem: Problem, views: Ints | None = None) -> list[list[int]]:
     that count, all where None."""
     views = np.arange(len(problem.views)) if views is None else views
     return connected_groups(len(problem.cameras), problem.camera[views], problem.node[views])
+
+
+def seen_by_others(problem: Problem) -> Mask:
+    """Which Views (V,) bool are of a rectangle that another camera saw at the same time, or as it stood still."""
+    what = problem.node * len(problem.rectangles) + problem.rectangle
+    sightings = np.unique(what * len(problem.cameras) + problem.camera)
+    seen, watchers = np.unique(sightings // len(problem.cameras), return_counts=True)
+    return np.isin(what, seen[watchers > 1])
 
 
 def missing_cameras(problem: Problem, kept: list[int]) -> dict[str, str]:

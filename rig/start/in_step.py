@@ -37,15 +37,17 @@ def groups_in_step(problem: Problem, candidates: Candidates) -> list[list[int]]:
     best = np.unique(candidates.view, return_index=True)[1]
     moving = np.array([node.frameset >= 0 for node in problem.nodes], bool)
     seen = [_first_views(problem, camera) for camera in range(len(problem.cameras))]
+    bodies = [problem.node[problem.camera == camera] for camera in range(len(problem.cameras))]
     joined: list[tuple[int, int]] = []
     unproven: list[tuple[int, int]] = []
     refuted = False
     for left, right in combinations(range(len(problem.cameras)), 2):
-        nodes = np.array(sorted(seen[left].keys() & seen[right].keys()), int)
-        own = nodes[moving[nodes]]
-        if len(nodes) > len(own):
+        nodes = np.intersect1d(bodies[left], bodies[right])
+        own = np.array(sorted(seen[left].keys() & seen[right].keys()), int)
+        if not moving[nodes].all():
             joined.append((left, right))
-        elif 0 < len(own) < _FEWEST:
+        elif len(nodes) and len(own) < _FEWEST:
+            # Other rectangles of one body say nothing before it is known how they stand to each other.
             unproven.append((left, right))
         elif len(own) and _alike(candidates, best, own, seen[left], seen[right]):
             joined.append((left, right))
@@ -74,9 +76,10 @@ def cameras_in_step(
 
 
 def _first_views(problem: Problem, camera: int) -> dict[int, int]:
-    """A View (index) of each node that the camera saw."""
+    """A View (index) of each rectangle at each node that the camera saw."""
     own = np.flatnonzero(problem.camera == camera)
-    return dict(zip(problem.node[own].tolist(), own.tolist(), strict=True))
+    what = problem.node[own] * len(problem.rectangles) + problem.rectangle[own]
+    return dict(zip(what.tolist(), own.tolist(), strict=True))
 
 
 def _alike(candidates: Candidates, best: Ints, nodes: Ints, left: dict[int, int], right: dict[int, int]) -> bool:

@@ -22,11 +22,16 @@ def made(bodies, table_lens):
 def moved_from(made, name, first):
     """The Views as if that tag had slid on the box from a frameset on."""
     slid = Pose.from_vectors(np.array([0, 0, TURNED]), np.array([BY, 0, 0]))
+    return moved(made, name, lambda frameset: slid if frameset >= first else Pose.identity())
+
+
+def moved(made, name, slid):
+    """The Views as if that tag had stood slid(frameset) away from its place on the box."""
     views, rng = [], np.random.default_rng(0)
     for view in made.made.views:
-        if view.rectangle == name and view.frameset >= first:
+        if view.rectangle == name:
             camera = made.made.index(view.camera)
-            place = made.made.world_from_rect[name][view.frameset] @ slid
+            place = made.made.world_from_rect[name][view.frameset] @ slid(view.frameset)
             located = (made.rig_from_camera[camera].inverse() @ place).transform(view.points)
             pixels = project(made.made.lenses[camera], located) + 0.2 * rng.normal(size=(4, 2))
             views.append(replace(view, pixels=pixels))
@@ -44,6 +49,19 @@ def test_a_tag_that_slid_is_named_with_how_far(made):
     assert by == pytest.approx(1e3 * BY, abs=1.0)
     assert turned == pytest.approx(np.degrees(TURNED), abs=0.5)
     assert f"the first of them {first}" in said
+    step = rig.camera("cam1").rig_from_camera.step_to(made.true(0, 1))
+    assert np.sqrt(step @ np.linalg.solve(rig.pose_covariance("cam1"), step) / 6) < 2.5
+
+
+def test_a_tag_that_moves_by_itself_is_named_and_no_camera_lost(made):
+    def anywhere(frameset):
+        rng = np.random.default_rng(frameset)
+        return Pose.from_vectors(np.array([0, 0, rng.uniform(-1, 1)]), np.append(rng.uniform(-0.05, 0.05, 2), 0))
+
+    rig = calibrate(made.made.inputs, made.made.rectangles, moved(made, "tag4", anywhere), "cam0")
+    (said,) = [sentence for sentence in rig.weak if "moved on body" in sentence]
+    assert said.startswith("'tag4' moved on body 'box': by ")
+    assert not rig.missing
     step = rig.camera("cam1").rig_from_camera.step_to(made.true(0, 1))
     assert np.sqrt(step @ np.linalg.solve(rig.pose_covariance("cam1"), step) / 6) < 2.5
 

@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from quadrig.rig.calibration import calibrate
+from quadrig.rig.culprits.cameras import contradicting_camera
+from quadrig.rig.problem.build import build_problem
 from quadrig.single.errors import QuadrigError
 from quadrig.single.lens import Intrinsics
 
@@ -142,3 +144,17 @@ def test_where_no_camera_has_a_usable_view_the_sentence_is_the_error(made):
     inputs = [replace(one, width=320, height=180) for one in made.inputs]
     with pytest.raises(QuadrigError, match="check its width and height"):
         solved(made, inputs)
+
+
+def test_a_camera_that_saw_nothing_of_what_the_others_did_contradicts_nobody(bodies, table_lens):
+    """Carried through a room and not placed, as where nothing turned: that nothing ties it accuses nobody."""
+    made = bodies.carried(np.random.default_rng(2), table_lens, 30).made
+    names = sorted({view.rectangle for view in made.views})
+    own = {camera.name: set(names[k::4]) for k, camera in enumerate(made.inputs)}
+    views = [view for view in made.views if view.rectangle in own[view.camera]]
+    alone = calibrate(made.inputs[:1], made.rectangles, [view for view in views if view.camera == "cam0"])
+
+    def solve(problem):
+        raise AssertionError(f"nobody is suspected, not of {len(problem.views)} Views")
+
+    assert contradicting_camera(build_problem(made.inputs, made.rectangles, views), alone, solve) is None

@@ -68,3 +68,13 @@ def test_boards_shown_one_after_another_give_every_lens(simulated):
         error = rig.camera(name).intrinsics.focal - made.lenses[made.index(name), 0]
         assert abs(error) < 4 * rig.focal_sigma(name)
         assert rig.focal_sigma(name) < 0.02 * rig.camera(name).intrinsics.focal
+
+
+def test_who_saw_other_sheets_of_a_room_is_not_out_of_step(bodies, table_lens):
+    """How two sheets of a room look from two cameras says nothing of when, before it is known how these stand."""
+    made = bodies.carried(np.random.default_rng(2), table_lens, 40).made
+    watchers = {}
+    for view in made.views:
+        watchers.setdefault((view.rectangle, view.frameset), set()).add(view.camera)
+    alone = [view for view in made.views if len(watchers[view.rectangle, view.frameset]) == 1]
+    assert groups(made, alone) == {frozenset(camera.name for camera in made.inputs)}
