@@ -31,7 +31,7 @@ def least_errors(world: Carried, *, exact: bool = False, lenses: bool = True) ->
     """Of each camera but the first: the median errors (C - 1, 2) of rotation (degrees) and position (mm).
 
     Lenses are what lenses are before any picture, sheets what prints are. exact: sheets as they should be; lenses:
-    False where they are known.
+    False where they are known. nan where the motion leaves a direction wholly open.
     """
     problem = build_problem(world.made.inputs, world.made.rectangles, world.made.views)
     observations, cameras = problem.observations(), len(problem.cameras)
@@ -47,8 +47,12 @@ def least_errors(world: Carried, *, exact: bool = False, lenses: bool = True) ->
     )
     errors = _of_sheets(systematic_errors(problem, observations), exact)
     there = expand(errors, observations, state, free, NOISE, tables_of(observations))
-    firm, none = reduced_inverse(there.reduced), np.zeros(len(errors.information))
-    bordered = solve_bordered(there.border, errors, none, there.adjustment, there.reduced, firm)
+    none = np.zeros(len(errors.information))
+    try:
+        firm = reduced_inverse(there.reduced)
+        bordered = solve_bordered(there.border, errors, none, there.adjustment, there.reduced, firm)
+    except np.linalg.LinAlgError:
+        return np.full((cameras - 1, 2), np.nan)
     covariance = bordered.with_errors(firm)
     size, first = there.reduced.free.shape[1], len(there.adjustment.columns)
     by_twist = step_by_camera_twist(world.rig_from_camera)
