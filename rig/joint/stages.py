@@ -247,7 +247,7 @@ def _least_squares_stage(
     expected = _Expected(fit.noise, priors, fit.free, systematic_errors(problem, observations))
     inliers, values, seen = fit.inliers, np.zeros(len(expected.errors.information)), observations
     state, used = fit.adjustment.state, observations.with_weights(inliers.weights)
-    near, rounds = False, 0
+    near, rounds, reached = False, 0, None
     while True:
         rounds += 1
         if not near:
@@ -258,6 +258,8 @@ def _least_squares_stage(
         end = _end(expected, values, used, state, tables, fold)
         costs = costs + end.adjustment.costs
         then = None
+        if end.bordered.fall < _SIGMA:
+            reached = expected, end, used, inliers
         if end.bordered.fall < _SIGMA and fit.free.slack is None:
             expected, end, then = _expecting_alike(problem, expected, end, used)
         state, values = _moved(expected, end, observations, used)
@@ -275,6 +277,9 @@ def _least_squares_stage(
             return contradicted
         if rounds == _ROUNDS:
             break
+    if end.bordered.fall > _NEAR and reached is not None:
+        # With what it taught, sheet, lens and focal bend against one another along a valley without an end.
+        return _joint(problem, *reached, costs)
     if end.bordered.fall > _NEAR:
         # Few Views of one camera may bend sheet, lens and focal against one another along a long valley: what was not
         # reached is no solution, and the misfit stays in the noise.
