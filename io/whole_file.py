@@ -1,5 +1,6 @@
 """Files appear whole or not at all: written beside their place, by one process at a time, then renamed into it."""
 
+import errno
 import glob
 import os
 import shlex
@@ -25,6 +26,9 @@ LARGEST_TEXT = 1 << 25
 LARGEST_OF_CAMERAS = 4_000_000
 """Bytes of a thousand cameras with all their digits; YAML is read at a megabyte a second."""
 
+NO_ROOM = (errno.ENOSPC, errno.EFBIG, getattr(errno, "EDQUOT", errno.ENOSPC))
+"""What is said of a disk that is full; Windows knows no quota."""
+
 # What this process holds: a command holds its place from the start, and what writes there goes through it.
 _held: set[Path] = set()
 # What its command reads: nothing is written there.
@@ -47,8 +51,15 @@ def read_whole(path: Path, most: int = LARGEST_TEXT) -> bytes:
 
 
 def read_text(path: Path) -> str:
-    """The text of a file, as Path.read_text gives it. Raises as read_whole, and UnicodeDecodeError."""
-    return read_whole(path).decode().replace("\r\n", "\n").replace("\r", "\n")
+    """The text of a file, as Path.read_text gives it, without the mark that some editors put before it.
+
+    Raises as read_whole does, and where it is no UTF-8.
+    """
+    try:
+        text = read_whole(path).decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise QuadrigError(f"{path}: is not UTF-8, as a text has to be; save it as UTF-8") from error
+    return text.replace("\r\n", "\n").replace("\r", "\n")
 
 
 @contextmanager
@@ -146,7 +157,8 @@ def new_part(place: Path) -> Path:
 def cannot_write(path: Path | str, error: OSError) -> QuadrigError:
     """What is said where a file cannot be written."""
     what = error.strerror or str(error)
-    return QuadrigError(f"cannot write {path}: {what[:1].lower()}{what[1:]}; make room, or choose another place")
+    room = "make room, or " if error.errno in NO_ROOM else ""
+    return QuadrigError(f"cannot write {path}: {what[:1].lower()}{what[1:]}; {room}choose another place")
 
 
 def refuse_no_place(path: Path) -> None:

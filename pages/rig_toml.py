@@ -45,7 +45,7 @@ WORDS: dict[str, dict[str, tuple[str, str]]] = {
         "reference": ("", "Whose frame is the rig frame: a camera, or a rectangle that stands still. Else a camera."),
         "rectangle": ("", "The rectangles, one table each."),
         "body": ("", "Bodies that move, one table each. A body that stands still needs none."),
-        "camera": ("", "What is known of cameras. Without any, every image topic of the recording is a camera."),
+        "camera": ("", "What is known of cameras. Where one names its topic, those without a table are left out."),
     },
     "rectangle": {
         "name": ("", "What it is called in results and messages; every name once."),

@@ -163,6 +163,8 @@ def _solve(searched: "Searched", only: list[str], earlier: "Rig | None", cache: 
 
 
 def _show_plan(plan: "SearchPlan", as_json: bool) -> None:
+    from quadrig.io.plain_words import console
+    from quadrig.io.report.terminal import print_sentence
     from quadrig.io.search.dry_run import plan_values, plan_words
 
     for remark in plan.notes:
@@ -172,7 +174,9 @@ def _show_plan(plan: "SearchPlan", as_json: bool) -> None:
 
         print(json_text(plan_values(plan)))
         return
-    print(plan_words(plan))
+    where = console()
+    for line in plan_words(plan).splitlines():
+        print_sentence(line, where)
 
 
 def _solve_again(searched: "Searched", only: list[str], earlier: "Rig") -> "Rig":

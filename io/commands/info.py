@@ -130,7 +130,7 @@ def _print(recording: Recording, framesets: Framesets) -> None:
     sentences = [
         f"{len(framesets)} framesets over {_seconds(framesets):.1f} s, "
         f"{sum(sizes == whole)} with all {whole} cameras, {sum(sizes > 1)} with more than one; "
-        f"stamps within {1e3 * framesets.tolerance:.1f} ms"
+        f"what is up to {1e3 * framesets.tolerance:.1f} ms apart counts as one instant"
     ]
     if whole > 1:
         first = framesets.cameras[0]

@@ -1,6 +1,5 @@
 """The `rig` command: one module for each of its commands, imported only when that command is called."""
 
-import errno
 import inspect
 import keyword
 import os
@@ -18,7 +17,7 @@ from typer.core import TyperCommand
 
 from quadrig.io.plain_words import one_line, plain_output, silence_libraries
 from quadrig.io.verbosity import Verbosity, choose_verbosity
-from quadrig.io.whole_file import only_read, refuse_no_place
+from quadrig.io.whole_file import NO_ROOM, only_read, refuse_no_place
 from quadrig.single.errors import QuadrigError
 
 COMMANDS = {
@@ -57,8 +56,6 @@ _TYPE = re.compile(r" <(?:list\[)?([^\]>]*?)(?: range)?\]?>(?:\.\.\.)?$")
 _PLACEHOLDERS = {"path": "PATH", "Path": "PATH", "str": "TEXT", "int": "NUMBER", "float": "NUMBER"}
 
 _INTERRUPTED = 130
-# EDQUOT is unknown to Windows.
-_NO_ROOM = (errno.ENOSPC, errno.EFBIG, getattr(errno, "EDQUOT", errno.ENOSPC))
 # A machine that shuts down, a scheduler, a terminal that is closed: they end a command as Ctrl-C does.
 _AS_CTRL_C = ("SIGTERM", "SIGHUP")
 
@@ -261,7 +258,7 @@ def _sentence(error: Exception, command: str) -> str:
         return str(error)
     if isinstance(error, OSError) and error.filename is not None and error.strerror:
         return f"{error.filename}: {error.strerror[:1].lower()}{error.strerror[1:]}"
-    if isinstance(error, OSError) and error.errno in _NO_ROOM:
+    if isinstance(error, OSError) and error.errno in NO_ROOM:
         # Whoever writes a file names it: what is left is what the command prints.
         return f"cannot write the output: {os.strerror(error.errno).lower()}; make room, or send it elsewhere"
     what = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__

@@ -16,9 +16,10 @@ from quadrig.io.live.capture.source import SourceState
 from quadrig.io.live.capture.source_spec import SourceSpec
 from quadrig.io.live.record.record_sources import record_sources
 from quadrig.io.live.terminal import enter_pressed
-from quadrig.io.recording.camera import RecordedCamera
+from quadrig.io.recording.camera import RecordedCamera, camera_of_source
 from quadrig.io.recording.convert import ImageFormat, MessageFormat
 from quadrig.io.recording.convert import record as write_recording
+from quadrig.io.recording.image_folder import folder_images, image_files
 from quadrig.io.recording.picture_times import with_times, without_times
 from quadrig.io.recording.recorded_cameras import camera_of_pattern, open_recording
 from quadrig.io.recording.time_table import with_timestamps
@@ -198,6 +199,8 @@ def _named_camera(given: str, notes: list[str]) -> RecordedCamera:
         raise QuadrigError(f"--camera {given}: give NAME=VIDEO, NAME=FOLDER, NAME=PICTURE or NAME='PATTERN*.jpg'")
     if not Path(where).exists():
         return camera_of_pattern(name, Path(where).parent, Path(where).name, notes)
+    if Path(where).is_dir() and (pictures := folder_images(Path(where))):
+        return camera_of_source(name, where, image_files(pictures, f"camera {name!r}", notes))
     opened = open_recording([Path(where)])
     if len(opened.cameras) != 1:
         raise QuadrigError(f"--camera {given}: there are {len(opened.cameras)} cameras in {where}; give one")

@@ -119,7 +119,7 @@ def _text(path: Path) -> str:
         return read_text(path)
     except FileNotFoundError:
         return ""
-    except (OSError, UnicodeDecodeError) as error:
+    except OSError as error:
         raise QuadrigError(
             f"{path}: cannot be read as text ({error}); mend it, or click again with rig pick"
         ) from error

@@ -39,8 +39,9 @@ def decoded(text: str, root: type[_Tables], name: str, dec_hook: Callable[[type,
     except RecursionError as error:
         raise QuadrigError(f"{name}: lists, tables or keys are nested too deep; it needs three levels") from error
     except ValueError as error:
-        # What Python itself will not read as a number.
-        raise QuadrigError(f"{name}: this is not TOML: {error}") from error
+        # What Python itself will not read as a number; of its limit of digits it speaks to those who write Python.
+        what = "a number has thousands of digits" if "digits" in str(error) else str(error)
+        raise QuadrigError(f"{name}: this is not TOML: {what}") from error
 
 
 def locate(name: str, text: str, path: str, key: str = "") -> str:
@@ -56,7 +57,7 @@ def _decode_error(error: msgspec.DecodeError, text: str, name: str, root: type) 
         return QuadrigError(f"{name}: this is not TOML: {_lower(message)}")
     what, _, path = message.partition(" - at `")
     path = path.rstrip("`") or "$"
-    if unknown := re.match(r"Object contains unknown field `(.*)`", what):
+    if unknown := re.match(r"Object contains unknown field `(.*)`", what, re.DOTALL):
         key = unknown.group(1)
         allowed = ", ".join(_fields(_table_at(root, path, text)))
         return QuadrigError(

@@ -190,7 +190,7 @@ def read_config(path: Path | str) -> RigConfig:
         raise QuadrigError(
             f"{path}: there is no such file; describe your rectangles in a rig.toml, or take one of examples/"
         ) from None
-    except (OSError, UnicodeDecodeError) as error:
+    except OSError as error:
         raise QuadrigError(f"{path}: cannot be read as text ({error}); give a rig.toml") from error
     config = parse_config(text, str(path))
     if not any(rectangle.marking.by_hand for rectangle in config.rectangles):
@@ -210,6 +210,7 @@ def parse_config(text: str, name: str = "rig.toml") -> RigConfig:
     cameras = tuple(_camera(table, i, text, name) for i, table in enumerate(tables.camera))
     _check_unique("rectangle", [r.name for r in rectangles], text, name)
     _check_unique("camera", [c.name for c in cameras], text, name)
+    _check_topics(cameras, text, name)
     _check_unique("body", [body.name for body in tables.body], text, name)
     _check_markings(rectangles, text, name)
     _check_bodies(rectangles, tables.body, text, name)
@@ -370,6 +371,19 @@ def _check_unique(kind: str, names: list[str], text: str, name: str) -> None:
         seen.add(one)
 
 
+def _check_topics(cameras: tuple[CameraConfig, ...], text: str, name: str) -> None:
+    owners: dict[str, str] = {}
+    for index, camera in enumerate(cameras):
+        if camera.topic is None:
+            continue
+        if camera.topic in owners:
+            raise QuadrigError(
+                f"{locate(name, text, f'$.camera[{index}]', 'topic')}: cameras {owners[camera.topic]!r} and "
+                f"{camera.name!r} have the same topic, {camera.topic}; give each its own"
+            )
+        owners[camera.topic] = camera.name
+
+
 def _check_bodies(rectangles: tuple[Rectangle, ...], bodies: list[_Body], text: str, name: str) -> None:
     members: dict[str, list[int]] = {}
     for index, rectangle in enumerate(rectangles):
@@ -417,7 +431,8 @@ def _check_reference(
     rectangle = next((r for r in rectangles if r.name == reference), None)
     if reference is None or any(c.name == reference for c in cameras):
         return
-    if rectangle is None and cameras:
+    # Where none names its topic, the tables only add what is known: the recording's other cameras are used as well.
+    if rectangle is None and any(camera.topic is not None for camera in cameras):
         known = ", ".join([*(c.name for c in cameras), *(r.name for r in rectangles if not r.moving)])
         raise QuadrigError(
             f"{locate(name, text, '$', 'reference')}: reference is {reference!r}, which is neither a camera nor a "

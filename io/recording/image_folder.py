@@ -73,6 +73,14 @@ class ImageFiles:
             except UndecodableImage:
                 yield None
 
+    def why_unreadable(self, index: int) -> str:
+        """As ImageSource has it."""
+        try:
+            decode_file(read_picture_file(self.paths[index]))
+        except UndecodableImage as error:
+            return str(error)
+        return ""
+
     def batches(self, indices: Ints, size: int) -> list[Ints]:
         """As ImageSource has it."""
         return even_batches(indices, size)

@@ -52,6 +52,10 @@ class ImageSource(Protocol):
         """
         ...
 
+    def why_unreadable(self, index: int) -> str:
+        """Why an image is None among images(), in words; "" where it is none, or only what is around it says why."""
+        ...
+
     def batches(self, indices: Ints, size: int) -> list[Ints]:
         """Split rising indices into parts of about `size`, where the images can be entered well."""
         ...
@@ -99,6 +103,15 @@ class McapImages:
                 except ValueError:
                     yield None
 
+    def why_unreadable(self, index: int) -> str:
+        """As ImageSource has it."""
+        try:
+            with self.messages.opened() as opened:
+                decode_image(opened.image(index))
+        except ValueError as error:
+            return str(error)
+        return ""
+
     def batches(self, indices: Ints, size: int) -> list[Ints]:
         """As ImageSource has it."""
         return even_batches(indices, size)
@@ -140,6 +153,10 @@ class Stamped:
     def images(self, gray: bool = True, shrink: int = 1) -> Iterator[Picture | None]:
         """As ImageSource has it."""
         return self.source.images(gray, shrink)
+
+    def why_unreadable(self, index: int) -> str:
+        """As ImageSource has it."""
+        return self.source.why_unreadable(index)
 
     def batches(self, indices: Ints, size: int) -> list[Ints]:
         """As ImageSource has it."""

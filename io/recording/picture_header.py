@@ -1,6 +1,7 @@
 """What a picture file says of itself before it is decoded: its size, how it is turned, when it was taken."""
 
 import re
+import struct
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -69,10 +70,15 @@ def read_header(data: bytes) -> PictureHeader:
             header = _read_tiff(data) if kind == "tiff" else _read_other(kind, data)
     except Exception as error:
         # Pillow answers damaged bytes with whatever went wrong in its parsers: a dozen kinds of errors.
-        raise ValueError(f"{len(data)} bytes are a damaged {kind.upper()} ({error})") from error
+        raise ValueError(f"{len(data)} bytes are a damaged {kind.upper()}{_why(error)}") from error
     if header.width <= 0 or header.height <= 0:
         raise ValueError(f"the {kind.upper()} has no pixels")
     return header
+
+
+def _why(error: Exception) -> str:
+    """What Pillow says in words of its own: what it only passes on helps nobody."""
+    return f" ({error})" if str(error) and error.__cause__ is None and not isinstance(error, struct.error) else ""
 
 
 def upright(image: Picture, header: PictureHeader) -> Picture:

@@ -71,6 +71,10 @@ class VideoFile:
         """As ImageSource has it."""
         yield from _pick(self._frames(), self.times, gray, shrink)
 
+    def why_unreadable(self, _index: int) -> str:
+        """As ImageSource has it: a picture builds on those before it."""
+        return ""
+
     def batches(self, indices: Ints, size: int) -> list[Ints]:
         """As ImageSource has it."""
         if self.counted:
@@ -143,6 +147,10 @@ class McapVideo:
         """As ImageSource has it."""
         wanted = np.arange(len(self.messages)) if self.wanted is None else self.wanted
         yield from _pick(((frame.pts, frame) for frame in self._frames()), wanted, gray, shrink)
+
+    def why_unreadable(self, _index: int) -> str:
+        """As ImageSource has it: a picture builds on those before it."""
+        return ""
 
     def batches(self, indices: Ints, size: int) -> list[Ints]:
         """As ImageSource has it."""

@@ -248,4 +248,8 @@ def _outline(placed: PlacedRectangle, time: int) -> Any:
 
 
 def _first_line(error: Exception) -> str:
+    from mcap.exceptions import EndOfFile
+
+    if isinstance(error, EndOfFile):
+        return "the file ends in the middle"
     return (str(error) or type(error).__name__).splitlines()[0]

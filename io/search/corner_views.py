@@ -13,15 +13,25 @@ from quadrig.single.errors import QuadrigError
 from quadrig.single.view import View
 
 
-def corner_views(pointed: Sequence[PointedCorners], recording: Recording, framesets: Framesets) -> list[View]:
-    """The Views of corners, each at the frameset of its image.
+def corner_views(
+    pointed: Sequence[PointedCorners], recording: Recording, framesets: Framesets
+) -> tuple[list[View], list[str]]:
+    """The Views of corners, each at the frameset of its image; and in sentences which are left out, since a corner
+    lies outside its picture.
 
     Raises QuadrigError where a corner is missing, they are no picture of a rectangle, or they do not belong to this
-    recording: no such camera or image, or outside its pictures.
+    recording: no such camera or image; and where every one would be left out.
     """
+    views, outside = [], []
     for one in pointed:
+        if said := _outside(one, _camera_of(one, recording)):
+            outside.append(said)
+            continue
         refuse_incomplete(one)
-    return [corner_view(one, recording, framesets) for one in pointed]
+        views.append(corner_view(one, recording, framesets))
+    if outside and not views:
+        raise QuadrigError(outside[0])
+    return views, [f"left out: {said}" for said in outside]
 
 
 def corner_view(pointed: PointedCorners, recording: Recording, framesets: Framesets) -> View:
@@ -43,6 +53,14 @@ def corner_view(pointed: PointedCorners, recording: Recording, framesets: Frames
 
 def camera_of(pointed: PointedCorners, recording: Recording) -> RecordedCamera:
     """The camera that corners are of. Raises QuadrigError where they cannot be of this recording."""
+    camera = _camera_of(pointed, recording)
+    if said := _outside(pointed, camera):
+        raise QuadrigError(said)
+    return camera
+
+
+def _camera_of(pointed: PointedCorners, recording: Recording) -> RecordedCamera:
+    """The camera that corners are of. Raises QuadrigError where there is none, or no such image."""
     camera = next((one for one in recording.cameras if one.name == pointed.camera), None)
     if camera is None:
         names = ", ".join(one.name for one in recording.cameras)
@@ -56,15 +74,20 @@ def camera_of(pointed: PointedCorners, recording: Recording) -> RecordedCamera:
         raise QuadrigError(
             f"{pointed.place}: image is {pointed.image}, but the camera has {camera.frames} images, counted from 0"
         )
+    return camera
+
+
+def _outside(pointed: PointedCorners, camera: RecordedCamera) -> str:
+    """That a corner lies outside the camera's pictures, in a sentence, or ""."""
     # A pixel reaches half its width around its centre.
     most = np.array([camera.width, camera.height]) - 0.5
     for name, pixel in zip(CORNER_NAMES, pointed.pixels, strict=True):
         if (pixel < -0.5).any() or (pixel > most).any():
-            raise QuadrigError(
+            return (
                 f"{pointed.place}: {name} is at {pixel[0]:g}, {pixel[1]:g}, outside the picture of "
                 f"{camera.width}x{camera.height}; click it again with rig pick, on pictures of this recording"
             )
-    return camera
+    return ""
 
 
 def without_corners(config: RigConfig) -> list[str]:

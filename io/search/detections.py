@@ -31,6 +31,9 @@ from quadrig.single.view import View
 BATCH = 32
 """Images of one task: about a second of work, so that the bar moves and an interrupted run loses little. The first of
 them is searched whole, so that what was overlooked once is not overlooked for long."""
+UNREADABLE = "cannot be read"
+"""Why an image is left out that is None in its source."""
+
 # Images this far apart (of 30 a second, a tenth) still show a rectangle near where it was.
 _FOLLOWS = 3
 # Batches that are looked at first, spread over a recording of many: where some 500 images show no rectangle, the
@@ -145,7 +148,7 @@ def search_images(
         near = before if index - previous <= _FOLLOWS else None
         before = None
         if image is None:
-            found.append("cannot be read")
+            found.append(UNREADABLE)
         elif image.shape[1::-1] != size:
             found.append(f"{image.shape[1]}x{image.shape[0]}, not {size[0]}x{size[1]}")
         else:

@@ -71,7 +71,7 @@ def plan_search(
     notes = list(remarks)
     for number, recording in enumerate(recordings):
         every = build_framesets(recording, effort.tolerance)
-        corner_views(config.corners, recording, every)
+        notes += corner_views(config.corners, recording, every)[1]
         framesets += round(effort.share * len(every))
         keys = {camera.name: camera_key(camera, sought) for camera in recording.cameras}
         cache = cache_of(effort.cache, number)

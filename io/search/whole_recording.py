@@ -11,7 +11,7 @@ from quadrig.io.recording.framesets import build_framesets
 from quadrig.io.recording.recorded_cameras import Recording, open_recording
 from quadrig.io.search.choose_frames import choose_frames
 from quadrig.io.search.corner_views import corner_views, without_corners
-from quadrig.io.search.detections import find_detections
+from quadrig.io.search.detections import UNREADABLE, find_detections
 from quadrig.io.search.effort import EVERY_IMAGE, Effort
 from quadrig.io.search.known_lenses import with_known_lenses
 from quadrig.io.search.plain_sights import plain_sights
@@ -59,6 +59,8 @@ def _left_out(camera: RecordedCamera, why: str, images: Sequence[int]) -> str:
     files = camera.source.files
     first = files[images[0]].name if len(files) == camera.frames else f"number {images[0]}"
     count = f"{len(images)} images are" if len(images) > 1 else "1 image is"
+    if why == UNREADABLE and (said := camera.source.why_unreadable(images[0])):
+        first = f"{first}, {said}"
     return f"camera {camera.name!r}: {count} left out: {why} (the first: {first})"
 
 
@@ -159,7 +161,7 @@ def open_checked(
 
 def _search_one(recording: Recording, config: RigConfig, effort: Effort) -> _OneRecording:
     every = build_framesets(recording, effort.tolerance)
-    pointed = corner_views(config.corners, recording, every)
+    pointed, outside = corner_views(config.corners, recording, every)
     framesets = choose_frames(recording, every, effort)
     sought = [rectangle for rectangle in config.rectangles if not rectangle.marking.by_hand]
     found = find_detections(recording, framesets, sought, effort)
@@ -172,7 +174,7 @@ def _search_one(recording: Recording, config: RigConfig, effort: Effort) -> _One
     ]
     kept = [f"{found.reused} images were searched before; what was kept of them is used"] if found.reused else []
     shown = RecordedViews(recording.paths[0].stem, views, framesets.times.tolist())
-    return _OneRecording(shown, [*recording.notes, *found.remarks, *left_out, *kept], sights)
+    return _OneRecording(shown, [*recording.notes, *found.remarks, *outside, *left_out, *kept], sights)
 
 
 def cache_of(cache: Path | None, number: int) -> Path | None:

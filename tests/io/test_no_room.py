@@ -108,8 +108,9 @@ def keep(path: Path) -> None:
 @pytest.mark.parametrize("write", [record_live, keep])
 def test_what_is_written_over_a_long_time_says_so_too(folder, write: Callable[[Path], None]):
     before = contents(folder)
-    with no_room(20_000), pytest.raises(QuadrigError, match="make room"):
+    with no_room(20_000), pytest.raises(QuadrigError, match="make room") as raised:
         write(folder / "x.mcap")
+    assert ("kept for the next run" in str(raised.value)) == (folder / ".x.mcap.part").exists()
     # What was found before is kept for the next run, beside the old file.
     assert {name: data for name, data in contents(folder).items() if name != ".x.mcap.part"} == before
     write(folder / "x.mcap")

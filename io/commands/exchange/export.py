@@ -13,6 +13,8 @@ from quadrig.io.formats.maps import ideal_rig
 from quadrig.io.formats.registry import FORMATS, export_rig
 from quadrig.io.formats.rig_json import json_schema, json_text
 from quadrig.io.formats.ros import from_roll_pitch_yaw
+from quadrig.io.plain_words import console
+from quadrig.io.report.terminal import print_sentence
 from quadrig.io.verbosity import note
 from quadrig.io.whole_file import written_beside
 from quadrig.rig.words import read_coordinate
@@ -25,11 +27,12 @@ _BARE_PLACE = 10.0
 
 def _list(asked: bool) -> None:
     if asked:
+        where = console()
         for name, form in FORMATS.items():
             if form.write is not None:
                 way = "out and in" if form.read is not None else "out"
-                where = f"*{form.suffixes[0]}" if form.suffixes else "a folder"
-                print(f"{name:14} {way:10} {where:26} {form.what}; without {form.loses}")
+                place = f"*{form.suffixes[0]}" if form.suffixes else "a folder"
+                print_sentence(f"{way}, {place}: {form.what}; without {form.loses}", where, mark=f"{name:14} ")
         raise typer.Exit
 
 

@@ -110,9 +110,31 @@ WRONG = {
     "two rotations": ("angles_deg", "quaternion_xyzw = [0, 0, 0, 1], angles_deg", ["line 9", "angles_deg"]),
     "no number": ("angles_deg = [0", "angles_deg = [nan", ["line 9", "nan, which is no pose"]),
     "beyond the moon": ("angles_deg = [0", "angles_deg = [1e300", ["line 9", "1e+300, which is no pose"]),
+    "a topic twice": (
+        "[[camera]]",
+        '[[camera]]\nname = "cam1"\ntopic = "/cam0/image"\n\n[[camera]]',
+        ["line 28", "'cam1' and 'cam0' have the same topic"],
+    ),
+    "a key of two lines": ("reference", '"a\\nb"', [r"has no key 'a\nb'"]),
+    "digits without end": ("0.297", "9" * 5000, ["a number has thousands of digits"]),
     "not TOML": ("[[camera]]", "[[camera]", ["not TOML", "line 22"]),
     "no rectangle": (ROOM, "reference = 'cam0'", ["[[rectangle]]"]),
 }
+
+
+def test_cameras_without_a_table_may_be_the_reference_where_no_table_names_a_topic() -> None:
+    text = ROOM.replace('topic = "/cam0/image"\n', "").replace('reference = "cam0"', 'reference = "cam3"')
+    assert parse_config(text).reference == "cam3"
+
+
+def test_utf8_is_read_with_and_without_its_mark_and_another_coding_is_named(tmp_path) -> None:
+    path = tmp_path / "rig.toml"
+    for coding in ("utf-8", "utf-8-sig"):
+        path.write_text(ROOM, encoding=coding)
+        assert read_config(path).text == ROOM
+    path.write_text(ROOM, encoding="utf-16")
+    with pytest.raises(QuadrigError, match=r"rig\.toml: .*save it as UTF-8"):
+        read_config(path)
 
 
 @pytest.mark.parametrize("name", WRONG)

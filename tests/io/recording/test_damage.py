@@ -274,6 +274,15 @@ def test_an_absurd_picture_among_good_ones_is_counted_and_left_out(tmp_path, pic
     (camera,) = open_recording([tmp_path / "a.mcap"]).cameras
     shown = [None if image is None else pictures.number(image) for image in camera.source.images()]
     assert shown == [0, 1, None, 3, 4]
+    assert "RIG_LARGEST=" in camera.source.why_unreadable(2)
+    assert camera.source.why_unreadable(3) == ""
+
+
+def test_what_parsers_stumble_over_is_not_said() -> None:
+    whole = cv2.imencode(".jpg", np.zeros((64, 64), np.uint8))[1].tobytes()
+    said = {attempt(decode_file, whole[:length])[1] for length in range(len(whole))} - {""}
+    assert said
+    assert not [one for one in said if "unpack" in one or "buffer" in one]
 
 
 def test_a_video_is_refused_by_the_size_that_it_claims(tmp_path):

@@ -177,8 +177,9 @@ def test_a_broken_file_is_one_sentence(rig_path, tmp_path):
     path = tmp_path / "half.mcap"
     for cut in (len(whole) // 2, 200):
         path.write_bytes(whole[:cut])
-        with pytest.raises(QuadrigError, match=r"half\.mcap"):
+        with pytest.raises(QuadrigError, match=r"half\.mcap") as caught:
             read_rig(path)
+        assert "EndOfFile" not in str(caught.value)
 
 
 def test_damage_is_one_sentence_or_harmless(rig_path, example_rig, tmp_path):

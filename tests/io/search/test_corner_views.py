@@ -81,6 +81,18 @@ def test_corners_that_cannot_be_are_one_sentence(court, folder, change, says):
     assert "\n" not in str(raised.value)
 
 
+def test_a_corner_outside_its_picture_leaves_out_its_view_alone(court, folder):
+    config = read_config(folder / "rig.toml")
+    pixels = court.corners("left", court.COURT)
+    pixels[1] = 1e200, 5
+    keep_corners(folder / "corners.toml", PointedCorners("left", config.rectangles[0], pixels))
+    searched = search_recording(pictures(folder), read_config(folder / "rig.toml"))
+    assert len(searched.views) == len(config.rectangles) * len(court.CAMERAS) - 1
+    (said,) = (note for note in searched.notes if "outside the picture of 1280x720" in note)
+    assert said.startswith("left out: ")
+    assert "bottom_left is at 1e+200, 5" in said
+
+
 def test_a_moving_rectangle_is_of_one_image(court, folder, tmp_path):
     text = (folder / "rig.toml").read_text().replace('"tennis court"', '"tennis court"\nmoving = true', 1)
     text = re.sub(r"world_from_rect = .*\n", "", text).replace('reference = "court"\n', "")
