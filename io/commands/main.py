@@ -258,7 +258,7 @@ def _sentence(error: Exception, command: str) -> str:
         return str(error)
     if isinstance(error, OSError) and error.filename is not None and error.strerror:
         return f"{error.filename}: {error.strerror[:1].lower()}{error.strerror[1:]}"
-    if isinstance(error, OSError) and error.errno in NO_ROOM:
+    if isinstance(error, OSError) and error.errno is not None and error.errno in NO_ROOM:
         # Whoever writes a file names it: what is left is what the command prints.
         return f"cannot write the output: {os.strerror(error.errno).lower()}; make room, or send it elsewhere"
     what = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__

@@ -52,7 +52,7 @@ class ImageSource(Protocol):
         """
         ...
 
-    def why_unreadable(self, index: int) -> str:
+    def why_unreadable(self, index: int, /) -> str:
         """Why an image is None among images(), in words; "" where it is none, or only what is around it says why."""
         ...
 

@@ -198,8 +198,8 @@ def keep_detections(
             # One that names another file is of what was read.
             if error.filename not in (None, str(partial), str(fresh)):
                 raise
-            kept = "; what was found so far is kept for the next run there" if partial.exists() else ""
-            raise QuadrigError(f"{cannot_write(path, error)}{kept}") from error
+            left = "; what was found so far is kept for the next run there" if partial.exists() else ""
+            raise QuadrigError(f"{cannot_write(path, error)}{left}") from error
         finally:
             if fresh is not None:
                 fresh.unlink(missing_ok=True)
