@@ -26,7 +26,7 @@ from quadrig.rig.problem.observations import Joins, Observations, pack
 from quadrig.single.arrays import Floats, Ints, Mask
 from quadrig.single.lens import image_middle, unproject
 from quadrig.single.lens_prior import usual_focal
-from quadrig.single.lens_table import FISHEYE_FOCAL
+from quadrig.single.lens_table import FISHEYE_FOCAL, FOCAL
 from quadrig.single.pose import Pose
 from quadrig.single.rectangle import rectangle_corners
 from quadrig.single.rotation import nearest_rotation
@@ -39,6 +39,8 @@ from quadrig.single.solve.planar_pose import planar_poses
 _SHORTEST, _LONGEST = 0.05, 20.0
 # The focal that a camera starts from when no View of its determines it: 53 degrees across.
 _USUAL_FOCAL = 1.0
+# Scatter of the logarithms of Views' focals from which none is known: what lenses have scatters by twice that.
+_SCATTERED = 0.18
 # Focals that a fisheye may begin from, in sigmas of what fisheyes have: a seventh apart, which a few steps bridge.
 _FISHEYE_FOCALS = np.arange(-2.5, 3.01, 0.5)
 # A twin whose chi-square is this much above the first candidate's is out of the question (e^-20).
@@ -126,7 +128,7 @@ def _first_lenses(problem: Problem, observations: Observations) -> Floats:
         size = focal / larger[row]
         own = (problem.camera == row) & (weight > 0) & (size > _SHORTEST) & (size < _LONGEST)
         if own.any():
-            lens[row, 0] = _weighted_median(focal[own], weight[own])
+            lens[row, 0] = _first_focal(focal[own], weight[own], larger[row])
     given = np.array([camera.intrinsics is not None for camera in problem.cameras])
     lens[:, 0] = np.where(given, lens[:, 0], usual_focal(larger, problem.models, lens[:, 0]))
     fisheyes = ~given & np.array([model == "fisheye" for model in problem.models])
@@ -167,6 +169,14 @@ def _focals(points: Floats, pixels: Floats, weights: Floats, middle: Floats) -> 
     # An unknowable focal still votes, with the little weight that its sigma leaves it.
     usable = (found.reason == Reason.OK) | (found.reason == Reason.FOCAL_UNKNOWABLE)
     return found.focal, np.where(usable & np.isfinite(weight) & np.isfinite(found.focal), weight, 0.0)
+
+
+def _first_focal(focals: Floats, weights: Floats, side: float) -> float:
+    """The weighted median of Views' focals (V,), px, or the usual one where they scatter too much: Views of nearly
+    flat sheets have focals several times too long, from which a fit ends in a valley. side: of the picture, px."""
+    found = _weighted_median(focals, weights)
+    scatter = np.sqrt(weights @ np.log(focals / found) ** 2 / weights.sum())
+    return found if scatter < _SCATTERED else float(side * np.exp(FOCAL[0]))
 
 
 def _weighted_median(values: Floats, weights: Floats) -> float:

@@ -5,12 +5,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from quadrig.rig.calibration import calibrate
 from quadrig.rig.problem.build import build_problem
 from quadrig.rig.problem.camera_input import CameraInput
 from quadrig.rig.start.lenses_and_poses import first_cameras
 from quadrig.rig.start.together import camera_from_cluster, seen_together
 from quadrig.single.lens import Intrinsics, project
-from quadrig.single.rectangle import WORLD
+from quadrig.single.markings.boards import board_points
+from quadrig.single.pose import Pose
+from quadrig.single.rectangle import WORLD, Rectangle
+from quadrig.single.view import View
 
 
 def problem_of(made, **changes):
@@ -131,3 +135,18 @@ def step_by_shift(arm):
     result = np.eye(6)
     result[3:, :3] = -np.cross(np.eye(3), arm)
     return result
+
+
+def test_views_of_a_nearly_flat_sheet_lead_to_no_focal_that_is_sure_and_wrong():
+    """By themselves they have focals of five times the true one."""
+    rng, points = np.random.default_rng(0), board_points(9, 6, 0.06)
+    lens = Intrinsics(1280, 800, 660.0, np.array([640.0, 400.0]), np.array([-0.04, 0.01, 0, 0, 0]))
+    turn = 0.026 * rng.normal(size=3)
+    views = []
+    for frameset in range(24):
+        place = Pose.from_vectors(turn, [0.2, 0.15, 0.2] * rng.uniform(-1, 1, 3) + [0, 0, 1.1])
+        pixels = lens.project(place.transform(points)) + 0.2 * rng.normal(size=(len(points), 2))
+        views.append(View("board", points, pixels, camera="cam", frameset=frameset, sigma=0.2))
+    rig = calibrate([CameraInput("cam", 1280, 800)], [Rectangle("board", 0.54, 0.36, moving=True)], views)
+    sigma = rig.focal_sigma("cam") / rig.cameras[0].intrinsics.focal
+    assert abs(np.log(rig.cameras[0].intrinsics.focal / 660)) < 3 * sigma
