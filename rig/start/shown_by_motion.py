@@ -35,7 +35,7 @@ class Shown:
     @property
     def open(self) -> Floats:
         """An orthonormal basis (6, K) of the twists of which the motion says nothing."""
-        return np.linalg.qr(self.twists[:, self.share <= REAL])[0]
+        return np.linalg.qr(self.twists[:, self.share <= REAL]).Q
 
     def moved(self, b_from_a: Pose) -> "Shown":
         """The same in another frame."""

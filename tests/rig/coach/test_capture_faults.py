@@ -254,6 +254,7 @@ def test_a_tag_that_a_tone_curve_may_have_made_larger_is_not_called_larger():
     assert scale_fault(rig) is not None
     assert scale_fault(with_tone(rig, 0.01)) is None
     scales = relative_scales(with_tone(rig, 0.01))
+    assert scales is not None
     # Three cameras have a tone of their own each: their mean is as sure as its third root.
     assert scales.sigma[1] == pytest.approx(0.01 / np.sqrt(3), rel=0.2)
 

@@ -60,8 +60,8 @@ def test_each_has_its_lens_and_the_others_their_poses(simulated):
 
 
 def test_boards_shown_one_after_another_give_every_lens(simulated):
-    made = simulated.simulate(14, simulated.Scene(cameras=4, framesets=60))
-    found = calibrate(made.inputs, made.rectangles, at_other_times(made, ["cam1", "cam2", "cam3"]))
+    made = simulated.simulate(14, simulated.Scene(cameras=3, framesets=24))
+    found = calibrate(made.inputs, made.rectangles, at_other_times(made, ["cam1", "cam2"]))
     lenses = {found.cameras[0].name: found, **{camera.name: rig for rig, camera in found.lens_only}}
     assert lenses.keys() == {c.name for c in made.inputs}
     for name, rig in lenses.items():
