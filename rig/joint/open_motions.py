@@ -103,7 +103,7 @@ def _motions(tie: MotionTie) -> tuple[Pose, Floats]:
     angles = np.pi * (2 * np.arange(_ROUND) + 1 - _ROUND) / _ROUND
     every, weights = [twists[:, turns:]], [np.ones(twists.shape[1] - turns)]
     for turn in twists.T[:turns]:
-        every.append(np.outer(turn / np.linalg.norm(turn[:3]), angles))
+        every.append(np.asarray(np.outer(turn / np.linalg.norm(turn[:3]), angles), float))
         weights.append(np.full(_ROUND, 1 / np.sqrt(_ROUND)))
     return Pose.from_twist(np.concatenate(every, axis=1).T), np.concatenate(weights)
 
@@ -113,7 +113,7 @@ def _apparent(motions: Pose, poses: Pose) -> Floats:
     off its axis along a circle, which no small twist does."""
     moved = motions[None] @ poses[:, None]
     steps = poses[:, None].step_to(moved)
-    return np.linalg.solve(step_by_left_twist(poses), np.swapaxes(steps, -1, -2))
+    return np.asarray(np.linalg.solve(step_by_left_twist(poses), np.swapaxes(steps, -1, -2)), float)
 
 
 def open_motions(problem: Problem, ties: Sequence[MotionTie]) -> list[str]:

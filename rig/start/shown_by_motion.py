@@ -30,12 +30,12 @@ class Shown:
     @property
     def duals(self) -> Floats:
         """Rows (6, 6) that take a twist to its coordinates along these."""
-        return np.linalg.inv(self.twists)
+        return np.asarray(np.linalg.inv(self.twists), float)
 
     @property
     def open(self) -> Floats:
         """An orthonormal basis (6, K) of the twists of which the motion says nothing."""
-        return np.linalg.qr(self.twists[:, self.share <= REAL]).Q
+        return np.asarray(np.linalg.qr(self.twists[:, self.share <= REAL])[0], float)
 
     def moved(self, b_from_a: Pose) -> "Shown":
         """The same in another frame."""
