@@ -62,5 +62,13 @@ def rows_of(rig: Rig, cameras: Sequence[Camera], group: Sequence[ViewFit]) -> Ro
         arm = (points @ pose.rotation.T)[good]
         by_size = (by_point[good] @ arm[..., None]).reshape(-1)
         by_pose = rectangle_derivatives(by_point, pose, points)[good].reshape(-1, 6)
-        parts.append((by_cameras.reshape(count, -1), by_tones, by_size, by_pose, fit.residuals[good].reshape(-1)))
+        parts.append(
+            (
+                by_cameras.reshape(count, len(cameras) * CAMERA_PARAMETERS),
+                by_tones,
+                by_size,
+                by_pose,
+                fit.residuals[good].reshape(-1),
+            )
+        )
     return Rows(*(np.concatenate(column) for column in zip(*parts, strict=True)))
