@@ -19,6 +19,8 @@ from quadrig.single.view import View
 
 # Images of a camera that are looked at again: what is shown for long is in one of them.
 _SAMPLES = 5
+# What is in plain sight is so in this many pixels as well, and five pictures of a hundred megapixels need gigabytes.
+_PIXELS = 8_000_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,8 +51,12 @@ def plain_sights(
 
 
 def _look(task: _Task) -> str | None:
+    width, height = task.size
+    shrink = next((times for times in (1, 2, 4) if width * height <= _PIXELS * times**2), 8)
+    size = -(-width // shrink), -(-height // shrink)
     # Those of another size were not searched: what they show is no reason.
-    searched = [image for image in task.source.images() if image is not None and image.shape[1::-1] == task.size]
+    images = task.source.images(shrink=shrink)
+    searched = [image for image in images if image is not None and image.shape[1::-1] == size]
     return sight_sentence(task.camera, searched, task.rectangles)
 
 

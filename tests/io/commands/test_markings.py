@@ -10,6 +10,7 @@ import pytest
 from quadrig.io.commands.main import run
 from quadrig.io.config.rig_toml import RigConfig, config_text, read_config
 from quadrig.io.rig_file.rig_mcap import read_rig
+from quadrig.io.search import plain_sights
 from quadrig.single.arrays import Floats
 from quadrig.single.lens import Intrinsics
 from quadrig.single.markings.april_grid import AprilGridMarking
@@ -136,6 +137,15 @@ def test_what_is_in_plain_sight_is_said(tmp_path, capsys, shown, given, cameras,
         assert words in printed.err
     if cameras is BEHIND:
         assert said[0] in json.loads(printed.out)["missing"]["cam1"]
+
+
+def test_what_is_in_plain_sight_is_seen_in_smaller_pictures(tmp_path, capsys, monkeypatch):
+    """As those of many megapixels are looked at; these are halved."""
+    monkeypatch.setattr(plain_sights, "_PIXELS", 80_000)
+    record(tmp_path / "room", board(ChessboardMarking(10, 7, 0.022)), BESIDE)
+    (tmp_path / "rig.toml").write_text(config_text(RigConfig((board(ChessboardMarking(9, 6, 0.022)),))))
+    run(calibrate(tmp_path))
+    assert "columns = 10, rows = 7, square = 0.022" in capsys.readouterr().err
 
 
 def test_one_picture_of_a_kalibr_target(tmp_path, capsys):
