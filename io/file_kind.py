@@ -30,38 +30,40 @@ _RIG_PROFILE = struct.pack("<I", len(_WORD)) + _WORD
 def file_kind(file: Path) -> str | None:
     """What a file is, in words; None where there is none, or nothing in it."""
     try:
-        begin, _ = _ends(file)
+        ends = _ends(file)
     except FileNotFoundError:
         return None
+    begin = ends[0]
     if not begin:
         return None
     if begin.startswith(_MCAP):
         return RIG if begin[_PROFILE_AT:].startswith(_RIG_PROFILE) else RECORDING
     kind = _by_sign(begin, _SIGNS)
     if kind is not None:
-        return kind if is_written_here(file) else f"{kind} that quadrig did not write"
+        return kind if _are_ours(ends) else f"{kind} that quadrig did not write"
     return _by_sign(begin, _NOT_OURS) or ("another file" if b"\0" in begin else "a text")
 
 
 def is_written_here(file: Path) -> bool:
     """Whether a file says that quadrig wrote it."""
-    return any(_WORD in end for end in _ends(file))
+    return _are_ours(_ends(file))
 
 
 def sign_picture(file: Path) -> None:
     """Write into a PNG or JPEG that quadrig made it; any other file stays as it is."""
+    # A recording may be larger than memory.
+    if not _ends(file)[0].startswith((_PNG, _JPEG)):
+        return
     data = file.read_bytes()
     if data.startswith(_PNG):
         words = b"tEXtSoftware\0" + _WORD
         chunk = struct.pack(">I", len(words) - 4) + words + struct.pack(">I", zlib.crc32(words))
         # The header, of 13 bytes, is the first chunk.
         at = len(_PNG) + 12 + 13
-    elif data.startswith(_JPEG):
+    else:
         chunk = b"\xff\xfe" + struct.pack(">H", 2 + len(_WORD)) + _WORD
         # JFIF wants its own segment first.
         at = 4 + int.from_bytes(data[4:6], "big") if data[2:4] == b"\xff\xe0" else 2
-    else:
-        return
     file.write_bytes(data[:at] + chunk + data[at:])
 
 
@@ -70,6 +72,10 @@ def _ends(file: Path) -> tuple[bytes, bytes]:
         begin = stream.read(_ENDS)
         stream.seek(max(0, file.stat().st_size - _ENDS))
         return begin, stream.read(_ENDS)
+
+
+def _are_ours(ends: tuple[bytes, bytes]) -> bool:
+    return any(_WORD in end for end in ends)
 
 
 def _by_sign(begin: bytes, signs: tuple[tuple[int, bytes, str], ...]) -> str | None:

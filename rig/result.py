@@ -3,6 +3,7 @@
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from html import escape
 
 import numpy as np
@@ -81,6 +82,11 @@ class PlacedRectangle:
     def name(self) -> str:
         """The rectangle's name."""
         return self.rectangle.name
+
+    @cached_property
+    def row_of(self) -> dict[int, int]:
+        """The row of each frameset among the poses of a moving one."""
+        return {int(frameset): row for row, frameset in enumerate(self.framesets)}
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,6 +192,11 @@ class Rig:
     dispersion: float = 1.0
     apart: tuple["Rig", ...] = ()
     bodies: tuple[PlacedBody, ...] = ()
+
+    @cached_property
+    def placed(self) -> dict[str, PlacedRectangle]:
+        """The rectangles by name."""
+        return {one.name: one for one in self.rectangles}
 
     @property
     def room(self) -> PlacedBody | None:
@@ -390,10 +401,8 @@ def _if_known(value: float) -> str:
 
 def placed_pose(rig: Rig, rectangle: str, frameset: int) -> Pose | None:
     """rig_from_rect of a rectangle at a frameset; None where it was not placed there."""
-    for placed in rig.rectangles:
-        if placed.name == rectangle:
-            if not placed.rectangle.moving:
-                return placed.rig_from_rect
-            rows = np.flatnonzero(np.asarray(placed.framesets) == frameset)
-            return placed.rig_from_rect[int(rows[0])] if len(rows) else None
-    return None
+    placed = rig.placed.get(rectangle)
+    if placed is None or not placed.rectangle.moving:
+        return None if placed is None else placed.rig_from_rect
+    row = placed.row_of.get(frameset)
+    return None if row is None else placed.rig_from_rect[row]

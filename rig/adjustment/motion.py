@@ -77,8 +77,7 @@ def motion(problem: Problem, rig_from_body: Pose, clocks: Floats) -> Motion | No
     clocks (C, 2): of the cameras. A pose is the body's at the mean of when its Views were truly taken, so that motion
     carries none of them farther than need be.
     """
-    stamp = np.array([view.time for view in problem.views])
-    row = np.array([view.pixels[:, 1].mean() for view in problem.views])
+    stamp, row = problem.times, problem.mean_rows
     middle = np.array([(camera.height - 1) / 2 for camera in problem.cameras])[problem.camera]
     time = stamp + clocks[problem.camera, 0] + clocks[problem.camera, 1] * (row - middle)
     stamped = np.isfinite(time)

@@ -1,13 +1,13 @@
 """Rectangles that were not fixed to their body, or do not stand on it where they were given, as the others have
 it."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from quadrig.rig.joint.clock_rounds import Solved
-from quadrig.rig.problem.build import Problem, rebuilt
-from quadrig.rig.problem.layouts import body_of, sheets_of
+from quadrig.rig.problem.build import Problem, with_sheet
+from quadrig.rig.problem.layouts import body_of
 from quadrig.rig.words import length
 from quadrig.single.arrays import Floats, Ints
 from quadrig.single.pose import Pose
@@ -74,14 +74,7 @@ def suspects(solved: Solved) -> list[str]:
 
 def apart(problem: Problem, name: str) -> Problem:
     """The problem with that rectangle a body by itself, wherever it stood in each frameset."""
-    sheet_of = sheets_of(problem.rectangles)
-    rectangles = [
-        replace(one, body="", body_from_rect=None, layout_sigma=(0.0, 0.0), moving=True)
-        if sheet_of[one.name] == name
-        else one
-        for one in problem.rectangles.values()
-    ]
-    return rebuilt(problem, views=problem.views, rectangles=rectangles)
+    return with_sheet(problem, name, body="", body_from_rect=None, layout_sigma=(0.0, 0.0), moving=True)
 
 
 def loose_rectangle(name: str, before: Solved, after: Solved) -> LooseRectangle | None:

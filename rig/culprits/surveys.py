@@ -1,6 +1,6 @@
 """Poses on bodies that were measured beforehand, and stand elsewhere than all others have them."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.stats import chi2
@@ -9,8 +9,8 @@ from quadrig.rig.adjustment.pose_priors import LayoutPrior
 from quadrig.rig.adjustment.twist_jacobians import step_by_left_twist
 from quadrig.rig.joint.clock_rounds import Solved
 from quadrig.rig.joint.placed import layout_covariance
-from quadrig.rig.problem.build import Problem, rebuilt
-from quadrig.rig.problem.layouts import body_of, sheets_of
+from quadrig.rig.problem.build import Problem, with_sheet
+from quadrig.rig.problem.layouts import body_of
 from quadrig.rig.words import length
 from quadrig.single.arrays import Floats
 
@@ -94,9 +94,4 @@ def _contradiction(step: Floats, sigmas: Floats, posterior: Floats) -> tuple[flo
 
 def found_instead(problem: Problem, name: str) -> Problem:
     """The problem with the pose of that rectangle on its body not given."""
-    sheet_of = sheets_of(problem.rectangles)
-    rectangles = [
-        replace(one, body_from_rect=None, layout_sigma=(0.0, 0.0)) if sheet_of[one.name] == name else one
-        for one in problem.rectangles.values()
-    ]
-    return rebuilt(problem, views=problem.views, rectangles=rectangles)
+    return with_sheet(problem, name, body_from_rect=None, layout_sigma=(0.0, 0.0))

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from quadrig.rig.result import Camera, Rig, ViewFit
+from quadrig.rig.result import Camera, Rig, ViewFit, placed_pose
 from quadrig.single.arrays import Floats
 from quadrig.single.lens import project_with_derivatives
 from quadrig.single.pose import Pose, stacked
@@ -42,7 +42,7 @@ def disagreements(rig: Rig) -> tuple[Disagreement, ...]:
     """
     steps, normals = np.full((len(rig.fits), 6), np.nan), np.full((len(rig.fits), 6, 6), np.nan)
     of_camera: dict[str, list[int]] = {camera.name: [] for camera in rig.cameras}
-    poses = _poses(rig)
+    poses = [placed_pose(rig, fit.view.rectangle, fit.view.frameset) for fit in rig.fits]
     for row, fit in enumerate(rig.fits):
         if fit.view.camera in of_camera and poses[row] is not None:
             of_camera[fit.view.camera].append(row)
@@ -68,21 +68,6 @@ def disagreements(rig: Rig) -> tuple[Disagreement, ...]:
         )
         for row, fit in enumerate(rig.fits)
     )
-
-
-def _poses(rig: Rig) -> list[Pose | None]:
-    """rig_from_rect of each of rig.fits, None where its rectangle was not placed."""
-    placed = {one.name: one for one in rig.rectangles}
-    framesets = {one.name: {int(f): row for row, f in enumerate(one.framesets)} for one in rig.rectangles}
-    poses: list[Pose | None] = []
-    for fit in rig.fits:
-        one = placed.get(fit.view.rectangle)
-        if one is None or not one.rectangle.moving:
-            poses.append(None if one is None else one.rig_from_rect)
-            continue
-        row = framesets[one.name].get(fit.view.frameset)
-        poses.append(None if row is None else one.rig_from_rect[row])
-    return poses
 
 
 def _own_steps(camera: Camera, camera_from_rect: Pose, fits: Sequence[ViewFit]) -> tuple[Floats, Floats]:

@@ -12,7 +12,7 @@ from quadrig.rig.doubt.misfit import misfits
 from quadrig.rig.doubt.residual_field import residual_field
 from quadrig.rig.doubt.weaknesses import bent_sheets
 from quadrig.rig.result import Rig
-from quadrig.rig.words import counted, length
+from quadrig.rig.words import counted, length, listed
 
 Grade = Literal["good", "with care", "not yet"]
 
@@ -98,9 +98,8 @@ def _headline(rig: Rig, grade: Grade, broken: bool) -> str:
         return "Not to be used yet: no point in the room can be triangulated by two of its cameras."
     unplaced = _unplaced(rig)
     if unplaced and not broken:
-        names = f"{', '.join(unplaced[:-1])} and {unplaced[-1]}" if len(unplaced) > 1 else unplaced[0]
-        verb = "stand" if len(unplaced) > 1 else "stands"
-        return f"Not to be used yet: how {names} {verb} to the others is not known all round; see what is weak."
+        stand = f"{listed(unplaced)} {'stand' if len(unplaced) > 1 else 'stands'}"
+        return f"Not to be used yet: how {stand} to the others is not known all round; see what is weak."
     accuracy = accuracy_in_words(rig)
     if broken:
         return f"Not to be used yet: its Views do not fit together, whatever its own figures promise ({accuracy})."

@@ -260,8 +260,8 @@ def _least_squares_stage(
         then = None
         if end.bordered.fall < _SIGMA:
             reached = expected, end, used, inliers
-        if end.bordered.fall < _SIGMA and fit.free.slack is None:
-            expected, end, then = _expecting_alike(problem, expected, end, used)
+            if fit.free.slack is None:
+                expected, end, then = _expecting_alike(problem, expected, end, used)
         state, values = _moved(expected, end, observations, used)
         then = then or _learned(problem, expected, end, state)
         squares = end.adjustment.linearised.squares
@@ -277,10 +277,10 @@ def _least_squares_stage(
             return contradicted
         if rounds == _ROUNDS:
             break
-    if end.bordered.fall > _NEAR and reached is not None:
-        # With what it taught, sheet, lens and focal bend against one another along a valley without an end.
-        return _joint(problem, *reached, costs)
     if end.bordered.fall > _NEAR:
+        if reached is not None:
+            # With what it taught, sheet, lens and focal bend against one another along a valley without an end.
+            return _joint(problem, *reached, costs)
         # Few Views of one camera may bend sheet, lens and focal against one another along a long valley: what was not
         # reached is no solution, and the misfit stays in the noise.
         state, values, used = fit.adjustment.state, np.zeros_like(values), observations.with_weights(inliers.weights)

@@ -2,9 +2,10 @@
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from math import isinf
+from typing import Any
 
 import numpy as np
 
@@ -102,6 +103,16 @@ class Problem:
         return np.array([rectangle.moving for rectangle in self.rectangles.values()], bool)[self.rectangle]
 
     @cached_property
+    def times(self) -> Floats:
+        """Stamp (V,) s of each View."""
+        return np.array([view.time for view in self.views])
+
+    @cached_property
+    def mean_rows(self) -> Floats:
+        """The mean (V,) of the rows of the picture that each View's corners lie in."""
+        return np.array([view.pixels[:, 1].mean() for view in self.views])
+
+    @cached_property
     def joins(self) -> Joins:
         """What each View joins."""
         layout = self.layouts.number[self.rectangle]
@@ -159,6 +170,15 @@ def rebuilt(
         views,
         problem.frame,
     )
+
+
+def with_sheet(problem: Problem, sheet: str, **changes: Any) -> Problem:
+    """The problem with some fields of a sheet's rectangle changed, under all the names that it has."""
+    sheet_of = sheets_of(problem.rectangles)
+    rectangles = [
+        replace(one, **changes) if sheet_of[name] == sheet else one for name, one in problem.rectangles.items()
+    ]
+    return rebuilt(problem, views=problem.views, rectangles=rectangles)
 
 
 def of_cameras(problem: Problem, kept: Sequence[int]) -> Problem:

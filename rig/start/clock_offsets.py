@@ -41,7 +41,7 @@ class RegroupedViews:
 def regroup(problem: Problem, clocks: Floats, noise: float) -> RegroupedViews | None:
     """The Views grouped by the offsets of these clocks (C, 2); None where framesets show one instant, to the noise
     (px)."""
-    times = np.array([view.time for view in problem.views])
+    times = problem.times
     tracks = _tracks(problem)
     if not tracks:
         return None
@@ -57,7 +57,7 @@ def path_clocks(problem: Problem, positions: Floats) -> Floats:
 
     positions (V, 3): of each View's rectangle in its camera, m.
     """
-    times, clocks = np.array([view.time for view in problem.views]), problem.first_clocks
+    times, clocks = problem.times, problem.first_clocks
     clocks[:, 0] = _offsets(_tracks(problem), times, positions, len(problem.cameras))
     return clocks
 
@@ -113,7 +113,7 @@ def _tracks(problem: Problem) -> dict[tuple[int, str], Ints]:
             tracks.setdefault((int(problem.camera[index]), view.rectangle), []).append(index)
     ordered = {}
     for key, members in tracks.items():
-        times = np.array([problem.views[v].time for v in members])
+        times = problem.times[members]
         order = np.argsort(times)
         if np.all(np.diff(times[order]) > 0):
             ordered[key] = np.array(members)[order]

@@ -228,3 +228,11 @@ def test_what_a_command_reads_is_not_written_over(tmp_path):
 def test_a_dash_is_no_file():
     with pytest.raises(QuadrigError, match="standard output"):
         write_text("-", "text")
+
+
+def test_what_is_no_picture_is_not_read_to_be_signed(tmp_path, monkeypatch):
+    """A recording may be larger than memory."""
+    monkeypatch.setattr(Path, "read_bytes", lambda path: pytest.fail(f"{path} was read whole"))
+    with written_beside(tmp_path / "room.mcap") as beside:
+        beside.write_bytes(b"\x89MCAP0\r\n" + bytes(100))
+    assert (tmp_path / "room.mcap").stat().st_size == 108
