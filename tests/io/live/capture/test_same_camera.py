@@ -1,9 +1,7 @@
 """A source that comes back is the camera that went, or is left out and said: in size, scene, and time."""
 
-import threading
 import time
-from contextlib import contextmanager
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from functools import partial
 
 import cv2
 import numpy as np
@@ -91,46 +89,23 @@ def test_of_a_bare_wall_nothing_is_claimed():
     assert camera.admits(frame(room(2), 60.0))
 
 
-@contextmanager
-def server(connections):
-    """A motion-JPEG stream on 127.0.0.1: pictures (room, wait before it in s) of each connection, then its end."""
-    waiting, stopped = list(connections), threading.Event()
-
-    class Handler(BaseHTTPRequestHandler):
-        def do_GET(self):
-            self.send_response(200)
-            self.send_header("Content-Type", "multipart/x-mixed-replace; boundary=here")
-            self.end_headers()
-            for number, (seed, wait) in enumerate(waiting.pop(0) if waiting else []):
-                if stopped.wait(wait):
-                    return
-                data = cv2.imencode(".jpg", room(seed, hand=number))[1].tobytes()
-                head = f"--here\r\nContent-Type: image/jpeg\r\nContent-Length: {len(data)}\r\n\r\n".encode()
-                try:
-                    self.wfile.write(head + data + b"\r\n")
-                except OSError:
-                    return
-
-        def log_message(self, format: str, *arguments: object) -> None:  # noqa: A002 - its base has it so
-            pass
-
-    served = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
-    served.daemon_threads = True
-    threading.Thread(target=served.serve_forever, daemon=True).start()
-    try:
-        yield f"http://127.0.0.1:{served.server_address[1]}/stream"
-    finally:
-        stopped.set()
-        served.shutdown()
-        served.server_close()
+@pytest.fixture
+def recorded(jpeg_stream, tmp_path, monkeypatch):
+    """recorded(connections, enough): which rooms a recording of a stream shows, what was said, and what the source
+    came to. connections: rooms, and the wait before each in s."""
+    return partial(_recorded, jpeg_stream, tmp_path, monkeypatch)
 
 
-def recorded(connections, folder, monkeypatch, enough, look_every=0.02):
-    """Which rooms a recording of that stream shows, what was said, and what the source came to."""
+def _recorded(jpeg_stream, folder, monkeypatch, connections, enough, look_every=0.02):
     monkeypatch.setattr(same_camera, "_LOOK_EVERY", look_every)
     monkeypatch.setattr(source, "_FIRST_RETRY", 0.05)
-    said, until = [], time.monotonic() + 20
-    with server(connections) as address:
+    said, until, waiting = [], time.monotonic() + 20, list(connections)
+
+    def of_connection():
+        rooms = enumerate(waiting.pop(0) if waiting else [])
+        return ((cv2.imencode(".jpg", room(seed, hand=number))[1].tobytes(), wait) for number, (seed, wait) in rooms)
+
+    with jpeg_stream.served(of_connection) as address:
 
         def stop() -> str:
             return "enough" if time.monotonic() > until or enough(said) else ""
@@ -144,10 +119,10 @@ def recorded(connections, folder, monkeypatch, enough, look_every=0.02):
     return [round(float(image[-10:, -10:].mean()) / 60) for image in pictures if image is not None], said, done
 
 
-def test_another_cameras_pictures_after_a_reconnect_are_not_recorded(tmp_path, monkeypatch):
+def test_another_cameras_pictures_after_a_reconnect_are_not_recorded(recorded):
     usual = [(1, 0.03)] * 20
     rooms, said, done = recorded(
-        [usual, [(2, 0.03)] * 15, usual, [(3, 0.03)] * 5], tmp_path, monkeypatch,
+        [usual, [(2, 0.03)] * 15, usual, [(3, 0.03)] * 5],
         enough=lambda said: sum("came back with another scene" in one for one in said) > 1,
     )  # fmt: skip
     assert set(rooms) == {1}
@@ -156,12 +131,10 @@ def test_another_cameras_pictures_after_a_reconnect_are_not_recorded(tmp_path, m
     assert done.sources[0].left_out >= 15
 
 
-def test_what_was_held_back_through_a_stall_is_not_taken_for_now(tmp_path, monkeypatch):
+def test_what_was_held_back_through_a_stall_is_not_taken_for_now(recorded, monkeypatch):
     monkeypatch.setattr(source, "STALL_SECONDS", 0.5)
     stalled = [(1, 0.06)] * 20 + [(1, 0.9)] + [(2, 0.0)] * 10 + [(1, 0.06)] * 10
     # The scene is not looked at: their hurry alone says how old they are.
-    rooms, said, _ = recorded(
-        [stalled], tmp_path, monkeypatch, enough=lambda said: "is lost" in str(said), look_every=1e9
-    )
+    rooms, said, _ = recorded([stalled], enough=lambda said: "is lost" in str(said), look_every=1e9)
     assert set(rooms) == {1}
     assert any(one.startswith("cam0 is stalled") for one in said)

@@ -8,7 +8,6 @@ import sys
 import threading
 import time
 from contextlib import contextmanager
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from socketserver import StreamRequestHandler, ThreadingTCPServer
 
@@ -51,41 +50,19 @@ def jpeg(number: int) -> bytes:
     return cv2.imencode(".jpg", numbered_picture(number))[1].tobytes()
 
 
-@contextmanager
-def jpeg_server(rate: float = 30.0, lengths: bool = True, breaks_after: int = 10**9, silent_after: int = 10**9):
-    """A motion-JPEG stream on 127.0.0.1 that can break off or fall silent."""
-    stopped = threading.Event()
+@pytest.fixture
+def jpeg_server(jpeg_stream):
+    """jpeg_server(rate=..., lengths=..., breaks_after=..., silent_after=...): the address of a motion-JPEG stream of
+    numbered pictures that can break off or fall silent."""
 
-    class Handler(BaseHTTPRequestHandler):
-        def do_GET(self):
-            self.send_response(200)
-            self.send_header("Content-Type", "multipart/x-mixed-replace; boundary=here")
-            self.end_headers()
-            for number in range(min(200, breaks_after)):
-                if number >= silent_after:
-                    stopped.wait(20)
-                if stopped.wait(1 / rate):
-                    return
-                data = jpeg(number)
-                length = f"Content-Length: {len(data)}\r\n" if lengths else ""
-                head = f"--here\r\nContent-Type: image/jpeg\r\n{length}\r\n".encode()
-                try:
-                    self.wfile.write(head + data + b"\r\n")
-                except OSError:
-                    return
+    def serve(rate: float = 30.0, lengths: bool = True, breaks_after: int = 200, silent_after: int = 200):
+        def pictures():
+            for number in range(breaks_after):
+                yield jpeg(number), 1 / rate + 20 * (number >= silent_after)
 
-        def log_message(self, format: str, *arguments: object) -> None:  # noqa: A002 - its base has it so
-            pass
+        return jpeg_stream.served(pictures, lengths)
 
-    server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
-    server.daemon_threads = True
-    threading.Thread(target=server.serve_forever, daemon=True).start()
-    try:
-        yield f"http://127.0.0.1:{server.server_address[1]}/stream"
-    finally:
-        stopped.set()
-        server.shutdown()
-        server.server_close()
+    return serve
 
 
 @contextmanager
@@ -224,7 +201,7 @@ def test_watched_folders_give_pictures_as_they_fall(tmp_path):
 
 
 @pytest.mark.parametrize("lengths", [True, False])
-def test_http_stream_arrives_whole(lengths):
+def test_http_stream_arrives_whole(jpeg_server, lengths):
     with jpeg_server(lengths=lengths) as address, sources_of(a=address) as sources:
         numbers = [number_of(f.frames["a"]) for f in framesets_of(sources, most=12)]
     assert len(numbers) == 12
@@ -241,7 +218,7 @@ def test_rtsp_stream_arrives_and_its_end_is_tried_again(tmp_path):
         wait_for(lambda: sources[0].state().frames > 60, seconds=20)
 
 
-def test_stream_that_breaks_off_is_tried_again():
+def test_stream_that_breaks_off_is_tried_again(jpeg_server):
     with jpeg_server(rate=60, breaks_after=5) as address, sources_of(a=address) as sources:
         wait_for(lambda: sources[0].state().condition == "lost")
         assert "gives no more pictures" in sources[0].state().detail
@@ -249,7 +226,7 @@ def test_stream_that_breaks_off_is_tried_again():
         assert sources[0].state().retries >= 1
 
 
-def test_silent_and_absent_sources_are_named_and_hold_nobody_up(tmp_path):
+def test_silent_and_absent_sources_are_named_and_hold_nobody_up(tmp_path, jpeg_server):
     path = write_video(tmp_path / "a.avi", 120)
     with (
         jpeg_server(rate=60, silent_after=3) as silent,
