@@ -21,6 +21,7 @@ from quadrig.rig.adjustment.bordered import expand
 from quadrig.rig.adjustment.levenberg_marquardt import lens_covariances
 from quadrig.rig.adjustment.schur import dense_matrix
 from quadrig.rig.adjustment.twist_jacobians import step_by_camera_twist
+from quadrig.rig.doubt.information import scaled_inverse
 from quadrig.rig.joint.cross_validation import cross_validate
 from quadrig.rig.joint.residual_noise import residual_sum
 from quadrig.rig.joint.stages import Contradicted, Joint, solve_jointly
@@ -267,7 +268,7 @@ def _freedom(information: Floats, passed: Floats, stored: float, new: float) -> 
     freedom = []
     for rows in (_rows([i]) for i in range(len(information) // 6)):
         block = np.ix_(rows, rows)
-        share = np.trace(np.linalg.pinv(information[block], hermitian=True) @ passed[block]) / _FREEDOMS
+        share = np.trace(scaled_inverse(information[block]) @ passed[block]) / _FREEDOMS
         freedom.append(1 / (share**2 / stored + (1 - share) ** 2 / new))
     return np.array(freedom)
 
@@ -321,7 +322,7 @@ def _new_information(rig: Rig, problem: Problem, joint: Joint) -> tuple[Floats, 
     widening, errors = cross_validate(problem, joint).widening, view_error_variances(problem, joint)
     spread = gradient_covariance(joint.observations, found, opened, reduced, widening, errors)
     spread = np.where(unknown[:, None] & unknown, spread @ np.eye(len(unknown)) - lost, 0.0)
-    weight = np.linalg.pinv(spread, hermitian=True) @ np.column_stack([matrix, gradient])
+    weight = scaled_inverse(spread) @ np.column_stack([matrix, gradient])
     matrix, gradient = matrix @ weight[:, :-1], matrix @ weight[:, -1]
     size = len(found.columns) + 6
     # Clocks, and where rectangles stand on their bodies, are of no interest here.
@@ -334,7 +335,7 @@ def _without(matrix: Floats, gradient: Floats, nuisance: Mask) -> tuple[Floats, 
     """Information and gradient of the rest when what is of no interest takes its best value."""
     if not nuisance.any():
         return matrix, gradient
-    gain = matrix[np.ix_(~nuisance, nuisance)] @ np.linalg.pinv(matrix[np.ix_(nuisance, nuisance)], hermitian=True)
+    gain = matrix[np.ix_(~nuisance, nuisance)] @ scaled_inverse(matrix[np.ix_(nuisance, nuisance)])
     rest = matrix[np.ix_(~nuisance, ~nuisance)] - gain @ matrix[np.ix_(nuisance, ~nuisance)]
     return rest, gradient[~nuisance] - gain @ gradient[nuisance]
 
@@ -412,7 +413,8 @@ def _found_sigmas(limit: float, freedom: float) -> float:
     def missing_power(centre: float) -> float:
         return float(ncf.sf(limit / _FREEDOMS, _FREEDOMS, freedom, centre)) - _POWER
 
-    return float(np.sqrt(root_scalar(missing_power, bracket=(0.1, 1e3)).root))
+    # Ten times the limit is beyond it 95 times of 100 even where one degree of freedom tells the noise.
+    return float(np.sqrt(root_scalar(missing_power, bracket=(0.1, 10 * limit)).root))
 
 
 def _gain(evidence: _Evidence, others: list[int], index: int) -> float:
@@ -425,7 +427,7 @@ def _fall(evidence: _Evidence, cameras: list[int]) -> float:
         return 0.0
     rows = _rows(cameras)
     score = evidence.score[rows]
-    return float(score @ np.linalg.pinv(evidence.information[np.ix_(rows, rows)], hermitian=True) @ score)
+    return float(score @ scaled_inverse(evidence.information[np.ix_(rows, rows)]) @ score)
 
 
 def _rows(cameras: list[int]) -> Ints:
@@ -437,7 +439,7 @@ def _answer(evidence: _Evidence, others: list[int], index: int, sigmas: float) -
     from scipy.stats import f
 
     rows = _rows([*others, index])
-    covariance = np.linalg.pinv(evidence.information[np.ix_(rows, rows)], hermitian=True)
+    covariance = scaled_inverse(evidence.information[np.ix_(rows, rows)])
     twist = (covariance @ evidence.score[rows])[-6:]
     stored, name = evidence.stored[index], evidence.names[index]
     step = stored.step_to(Pose.from_twist(twist).inverse() @ stored)

@@ -86,7 +86,10 @@ def scaled_inverse(matrix: Floats) -> Floats:
     """Inverse of a symmetric matrix (N, N) whose rows have different units; what nothing determines stays zero."""
     scale = np.sqrt(np.maximum(np.diag(matrix), 0))
     scale = np.where(scale > 0, scale, 1.0)
-    return np.linalg.pinv(matrix / np.outer(scale, scale), hermitian=True) / np.outer(scale, scale)
+    # What nothing tells (where the rig frame stands) is zero but for rounding: a few hundred of its units a row, as
+    # sums of thousands of corners that cancel leave it.
+    rounding = 1e3 * len(matrix) * np.finfo(float).eps
+    return np.linalg.pinv(matrix / np.outer(scale, scale), rcond=rounding, hermitian=True) / np.outer(scale, scale)
 
 
 def triangulation_derivatives(cameras: Sequence[Camera], points: Floats, sees: Mask | None = None) -> Floats:

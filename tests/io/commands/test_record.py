@@ -173,14 +173,14 @@ def test_what_is_wrong_is_one_line(arguments, words, capsys):
 
 
 @pytest.fixture(scope="module")
-def served(load_script):
-    """jpeg_server(...): a motion-JPEG stream on 127.0.0.1."""
-    return load_script("tests/io/live/capture/test_source.py")
+def numbered(load_script):
+    """numbered.stream(...): a motion-JPEG stream on 127.0.0.1."""
+    return load_script("tests/io/live/capture/numbered_pictures.py")
 
 
-def test_live_cameras_are_recorded_as_they_come(tmp_path, served, capsys):
+def test_live_cameras_are_recorded_as_they_come(tmp_path, numbered, capsys):
     room = tmp_path / "room.mcap"
-    with served.jpeg_server() as left, served.jpeg_server() as right:
+    with numbered.stream() as left, numbered.stream() as right:
         assert run(["record", f"left={left}", f"right={right}", "--seconds", "2", "-o", str(room)]) == 0
         said = capsys.readouterr()
         assert "2 s are over" in said.out
@@ -192,7 +192,7 @@ def test_live_cameras_are_recorded_as_they_come(tmp_path, served, capsys):
             assert f"{camera.name}: {camera.frames} images {camera.width}x{camera.height}" in said.out
             assert np.diff(camera.stamps).min() > 0
             # The bytes are those of the stream.
-            shown = [served.jpeg(number) for number in range(200)]
+            shown = [numbered.jpeg(number) for number in range(200)]
             assert isinstance(camera.source, McapImages)
             with camera.source.messages.opened() as opened:
                 assert opened.image(3).data in shown
@@ -203,10 +203,10 @@ def test_live_cameras_are_recorded_as_they_come(tmp_path, served, capsys):
         assert [camera.name for camera in open_recording([room]).cameras] == ["left"]
 
 
-def test_the_sources_of_rig_toml_are_recorded(tmp_path, served, pictures):
+def test_the_sources_of_rig_toml_are_recorded(tmp_path, numbered, pictures):
     sheet = '[[rectangle]]\nname = "a"\nsize = "A4"\nmarking = { kind = "plain" }\n'
     table = '[[camera]]\nname = "porch"\nsource = "{}"\n'
-    with served.jpeg_server() as address:
+    with numbered.stream() as address:
         (tmp_path / "rig.toml").write_text(sheet + table.format(address))
         given = ["--config", str(tmp_path / "rig.toml"), "-o", str(tmp_path / "live.mcap"), "--seconds", "1"]
         assert run(["record", *given]) == 0
@@ -227,9 +227,9 @@ def test_no_live_picture_leaves_no_recording(tmp_path, capsys):
     assert "--format foxglove" in capsys.readouterr().err
 
 
-def test_ctrl_c_ends_a_live_recording_whole(tmp_path, served):
+def test_ctrl_c_ends_a_live_recording_whole(tmp_path, numbered):
     room = tmp_path / "room.mcap"
-    with served.jpeg_server() as address:
+    with numbered.stream() as address:
         process = subprocess.Popen(
             [str(Path(sys.executable).with_name("rig")), "record", f"left={address}", "-o", str(room)],
             stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from quadrig.rig.calibration import calibrate
-from quadrig.rig.doubt.information import camera_derivatives, rectangle_derivatives
+from quadrig.rig.doubt.information import camera_derivatives, rectangle_derivatives, scaled_inverse
 from quadrig.rig.result import Camera
 from quadrig.single.lens import LENS_PARAMETERS, Intrinsics
 from quadrig.single.pose import Pose, inverse_jacobian
@@ -147,3 +147,22 @@ def test_rectangle_derivatives_are_those_of_the_projection(camera):
 
     by_point = camera_derivatives(camera, pose[:, None].transform(points))[2]
     np.testing.assert_allclose(rectangle_derivatives(by_point, pose, points), slopes(pixels, 6), rtol=1e-5, atol=1e-4)
+
+
+def test_what_nothing_tells_is_no_rounding_turned_over():
+    """Rows of units that are far apart, a frame that nothing tells, and sums that were rounded: what is left of the
+    information after more noise was put in is the exact one's, wherever the frame stands."""
+    rng = np.random.default_rng(0)
+    units = 10.0 ** rng.uniform(-3, 3, 30)
+    told, noise = rng.normal(size=(24, 24)), rng.normal(size=(24, 24))
+    frame = np.linalg.qr(rng.normal(size=(30, 30)))[0][:, :24]
+    exact = told @ told.T
+    spread = exact + noise @ noise.T
+    rounding = rng.normal(size=(2, 30, 30)) * 3e-14 * np.abs(exact).max()
+    seen, widened = (
+        (frame @ each @ frame.T + rounded + rounded.T) * units * units[:, None]
+        for each, rounded in zip((exact, spread), rounding, strict=True)
+    )
+    left = (seen @ scaled_inverse(widened) @ seen) / units / units[:, None]
+    np.testing.assert_allclose(frame.T @ left @ frame, exact @ np.linalg.inv(spread) @ exact, atol=1e-9 * exact.max())
+    np.testing.assert_allclose(left, left.T, atol=1e-9 * exact.max())

@@ -1,9 +1,9 @@
-"""A stream of pictures served on this machine."""
+"""Numbered pictures, as files and as streams served on this machine."""
 
 import pytest
 
 
 @pytest.fixture(scope="session")
-def jpeg_stream(load_script):
-    """served(pictures, lengths): the address of a motion-JPEG stream."""
-    return load_script("tests/io/live/capture/jpeg_stream.py")
+def numbered(load_script):
+    """numbered.stream(...), numbered.served(pictures), numbered.write_video(...): see numbered_pictures.py."""
+    return load_script("tests/io/live/capture/numbered_pictures.py")

@@ -90,13 +90,13 @@ def test_of_a_bare_wall_nothing_is_claimed():
 
 
 @pytest.fixture
-def recorded(jpeg_stream, tmp_path, monkeypatch):
+def recorded(numbered, tmp_path, monkeypatch):
     """recorded(connections, enough): which rooms a recording of a stream shows, what was said, and what the source
     came to. connections: rooms, and the wait before each in s."""
-    return partial(_recorded, jpeg_stream, tmp_path, monkeypatch)
+    return partial(_recorded, numbered, tmp_path, monkeypatch)
 
 
-def _recorded(jpeg_stream, folder, monkeypatch, connections, enough, look_every=0.02):
+def _recorded(numbered, folder, monkeypatch, connections, enough, look_every=0.02):
     monkeypatch.setattr(same_camera, "_LOOK_EVERY", look_every)
     monkeypatch.setattr(source, "_FIRST_RETRY", 0.05)
     said, until, waiting = [], time.monotonic() + 20, list(connections)
@@ -105,7 +105,7 @@ def _recorded(jpeg_stream, folder, monkeypatch, connections, enough, look_every=
         rooms = enumerate(waiting.pop(0) if waiting else [])
         return ((cv2.imencode(".jpg", room(seed, hand=number))[1].tobytes(), wait) for number, (seed, wait) in rooms)
 
-    with jpeg_stream.served(of_connection) as address:
+    with numbered.served(of_connection) as address:
 
         def stop() -> str:
             return "enough" if time.monotonic() > until or enough(said) else ""

@@ -12,7 +12,6 @@ from pathlib import Path
 from socketserver import StreamRequestHandler, ThreadingTCPServer
 
 import cv2
-import numpy as np
 import pytest
 
 from quadrig.io.live.capture.frame import Frame
@@ -22,47 +21,10 @@ from quadrig.io.live.capture.source_spec import parse_source
 from quadrig.io.live.record.recorder import LiveRecorder
 from quadrig.single.errors import QuadrigError
 
-WIDTH, HEIGHT = 320, 180
-
-
-def numbered_picture(number: int) -> np.ndarray:
-    """Eight squares, black or white: the bits of the number."""
-    picture = np.full((HEIGHT, WIDTH, 3), 90, np.uint8)
-    for bit in range(8):
-        picture[60:120, 40 * bit + 4 : 40 * bit + 36] = 230 if number >> bit & 1 else 10
-    return picture
-
 
 def number_of(frame: Frame) -> int:
     grey = frame.grey
     return sum(1 << bit for bit in range(8) if grey[90, 40 * bit + 20] > 120)
-
-
-def write_video(path: Path, count: int, rate: float = 30, codec: str = "MJPG", step: int = 1) -> Path:
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*codec), rate, (WIDTH, HEIGHT))
-    for number in range(count):
-        writer.write(numbered_picture(number * step))
-    writer.release()
-    return path
-
-
-def jpeg(number: int) -> bytes:
-    return cv2.imencode(".jpg", numbered_picture(number))[1].tobytes()
-
-
-@pytest.fixture
-def jpeg_server(jpeg_stream):
-    """jpeg_server(rate=..., lengths=..., breaks_after=..., silent_after=...): the address of a motion-JPEG stream of
-    numbered pictures that can break off or fall silent."""
-
-    def serve(rate: float = 30.0, lengths: bool = True, breaks_after: int = 200, silent_after: int = 200):
-        def pictures():
-            for number in range(breaks_after):
-                yield jpeg(number), 1 / rate + 20 * (number >= silent_after)
-
-        return jpeg_stream.served(pictures, lengths)
-
-    return serve
 
 
 @contextmanager
@@ -147,8 +109,8 @@ def wait_for(condition, seconds=8.0):
 
 
 @pytest.mark.parametrize(("codec", "ending"), [("MJPG", "avi"), ("mp4v", "mp4")])
-def test_video_consumed_gives_every_frame_once(tmp_path, codec, ending):
-    paths = [str(write_video(tmp_path / f"{name}.{ending}", 40, codec=codec)) for name in "ab"]
+def test_video_consumed_gives_every_frame_once(tmp_path, codec, ending, numbered):
+    paths = [str(numbered.write_video(tmp_path / f"{name}.{ending}", 40, codec=codec)) for name in "ab"]
     with sources_of("consumed", a=paths[0], b=paths[1]) as sources:
         framesets = framesets_of(sources)
     assert [number_of(f.frames["a"]) for f in framesets] == list(range(40))
@@ -156,17 +118,17 @@ def test_video_consumed_gives_every_frame_once(tmp_path, codec, ending):
     assert all(f.frames["a"].stamp == f.frames["b"].stamp for f in framesets)
 
 
-def test_files_of_different_rates_meet_at_the_same_instants(tmp_path):
-    fast = write_video(tmp_path / "fast.avi", 40, rate=40)
-    slow = write_video(tmp_path / "slow.avi", 10, rate=10, step=4)
+def test_files_of_different_rates_meet_at_the_same_instants(tmp_path, numbered):
+    fast = numbered.write_video(tmp_path / "fast.avi", 40, rate=40)
+    slow = numbered.write_video(tmp_path / "slow.avi", 10, rate=10, step=4)
     with sources_of("consumed", fast=str(fast), slow=str(slow)) as sources:
         framesets = [f for f in framesets_of(sources) if len(f.frames) == 2]
     assert len(framesets) == 10
     assert all(number_of(f.frames["fast"]) == number_of(f.frames["slow"]) for f in framesets)
 
 
-def test_video_in_real_time_keeps_its_clock_and_drops_what_nobody_fetched(tmp_path):
-    path = write_video(tmp_path / "a.avi", 45, rate=30)
+def test_video_in_real_time_keeps_its_clock_and_drops_what_nobody_fetched(tmp_path, numbered):
+    path = numbered.write_video(tmp_path / "a.avi", 45, rate=30)
     with sources_of(a=str(path)) as sources:
         collector, numbers = LiveFramesets(sources), []
         while (frameset := collector.next(timeout=1)) is not None:
@@ -178,21 +140,21 @@ def test_video_in_real_time_keeps_its_clock_and_drops_what_nobody_fetched(tmp_pa
     assert len(numbers) < 30
 
 
-def test_folder_of_pictures_plays_in_the_order_of_names(tmp_path):
+def test_folder_of_pictures_plays_in_the_order_of_names(tmp_path, numbered):
     for number in range(12):
-        cv2.imwrite(str(tmp_path / f"{number:03}.png"), numbered_picture(number))
+        cv2.imwrite(str(tmp_path / f"{number:03}.png"), numbered.numbered_picture(number))
     with sources_of("consumed", a=str(tmp_path)) as sources:
         assert [number_of(f.frames["a"]) for f in framesets_of(sources)] == list(range(12))
 
 
-def test_watched_folders_give_pictures_as_they_fall(tmp_path):
+def test_watched_folders_give_pictures_as_they_fall(tmp_path, numbered):
     for name in "ab":
         (tmp_path / name).mkdir()
     with sources_of(a=f"watch:{tmp_path / 'a'}", b=f"watch:{tmp_path / 'b'}") as sources:
         collector, seen = LiveFramesets(sources), []
         for number in (3, 4):
             for name in "ab":
-                (tmp_path / name / f"{number}.jpg").write_bytes(jpeg(number))
+                (tmp_path / name / f"{number}.jpg").write_bytes(numbered.jpeg(number))
             wait_for(lambda: all(s.frames() for s in sources))
             frameset = collector.next()
             assert frameset is not None
@@ -201,15 +163,15 @@ def test_watched_folders_give_pictures_as_they_fall(tmp_path):
 
 
 @pytest.mark.parametrize("lengths", [True, False])
-def test_http_stream_arrives_whole(jpeg_server, lengths):
-    with jpeg_server(lengths=lengths) as address, sources_of(a=address) as sources:
+def test_http_stream_arrives_whole(lengths, numbered):
+    with numbered.stream(lengths=lengths) as address, sources_of(a=address) as sources:
         numbers = [number_of(f.frames["a"]) for f in framesets_of(sources, most=12)]
     assert len(numbers) == 12
     assert numbers == sorted(set(numbers))
 
 
-def test_rtsp_stream_arrives_and_its_end_is_tried_again(tmp_path):
-    stream = write_video(tmp_path / "stream.ts", 60, codec="mp4v")
+def test_rtsp_stream_arrives_and_its_end_is_tried_again(tmp_path, numbered):
+    stream = numbered.write_video(tmp_path / "stream.ts", 60, codec="mp4v")
     with rtsp_server(stream) as address, sources_of(a=address) as sources:
         numbers = [number_of(f.frames["a"]) for f in framesets_of(sources, most=20)]
         assert len(numbers) == 20
@@ -218,18 +180,18 @@ def test_rtsp_stream_arrives_and_its_end_is_tried_again(tmp_path):
         wait_for(lambda: sources[0].state().frames > 60, seconds=20)
 
 
-def test_stream_that_breaks_off_is_tried_again(jpeg_server):
-    with jpeg_server(rate=60, breaks_after=5) as address, sources_of(a=address) as sources:
+def test_stream_that_breaks_off_is_tried_again(numbered):
+    with numbered.stream(rate=60, breaks_after=5) as address, sources_of(a=address) as sources:
         wait_for(lambda: sources[0].state().condition == "lost")
         assert "gives no more pictures" in sources[0].state().detail
         wait_for(lambda: sources[0].state().frames > 5)
         assert sources[0].state().retries >= 1
 
 
-def test_silent_and_absent_sources_are_named_and_hold_nobody_up(tmp_path, jpeg_server):
-    path = write_video(tmp_path / "a.avi", 120)
+def test_silent_and_absent_sources_are_named_and_hold_nobody_up(tmp_path, numbered):
+    path = numbered.write_video(tmp_path / "a.avi", 120)
     with (
-        jpeg_server(rate=60, silent_after=3) as silent,
+        numbered.stream(rate=60, silent_after=3) as silent,
         sources_of(a=str(path), silent=silent, absent="http://127.0.0.1:9/none") as sources,
     ):
         framesets = framesets_of(sources, most=60)
@@ -272,15 +234,15 @@ def read_stream(path: Path) -> list[tuple[str, int, bytes]]:
     return messages
 
 
-def test_recording_gives_back_what_came(tmp_path):
+def test_recording_gives_back_what_came(tmp_path, numbered):
     from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
     from mcap.reader import make_reader
 
     path = tmp_path / "r.mcap"
     recorder = LiveRecorder(path, {"rig.toml": b"reference = 'a'"})
     for number in range(20):
-        recorder.write(Frame("a", 1000 + number, 0.0, encoded=jpeg(number)))
-        recorder.write(Frame("b", 1000 + number, 0.0, picture=numbered_picture(number)))
+        recorder.write(Frame("a", 1000 + number, 0.0, encoded=numbered.jpeg(number)))
+        recorder.write(Frame("b", 1000 + number, 0.0, picture=numbered.numbered_picture(number)))
     recorder.close()
     with path.open("rb") as file:
         reader = make_reader(file)
@@ -333,7 +295,7 @@ def test_recording_where_nothing_can_be_written(tmp_path):
         LiveRecorder(tmp_path / "absent" / "r.mcap")
 
 
-def test_a_recording_appears_with_its_first_picture_in_the_place_of_the_old_one(tmp_path):
+def test_a_recording_appears_with_its_first_picture_in_the_place_of_the_old_one(tmp_path, numbered):
     path, second = tmp_path / "r.mcap", tmp_path / "r-2.mcap"
     old = b"\x89MCAP0\r\n of yesterday"
     path.write_bytes(old)
@@ -342,7 +304,7 @@ def test_a_recording_appears_with_its_first_picture_in_the_place_of_the_old_one(
     LiveRecorder(path, replaces=[second]).close()
     assert (path.read_bytes(), second.read_bytes()) == (old, b"its second part")
     recorder = LiveRecorder(path, replaces=[second])
-    recorder.write(Frame("a", 1, 0.0, encoded=jpeg(1)))
+    recorder.write(Frame("a", 1, 0.0, encoded=numbered.jpeg(1)))
     recorder.close()
     assert [one.name for one in tmp_path.iterdir()] == ["r.mcap"]
     assert len(read_stream(path)) == 1

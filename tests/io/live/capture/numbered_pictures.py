@@ -1,9 +1,35 @@
-"""A motion-JPEG stream on this machine, for tests of live sources."""
+"""Numbered pictures as a video and as a motion-JPEG stream on this machine, for tests of live sources."""
 
 import threading
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+WIDTH, HEIGHT = 320, 180
+
+
+def numbered_picture(number: int) -> np.ndarray:
+    """Eight squares, black or white: the bits of the number."""
+    picture = np.full((HEIGHT, WIDTH, 3), 90, np.uint8)
+    for bit in range(8):
+        picture[60:120, 40 * bit + 4 : 40 * bit + 36] = 230 if number >> bit & 1 else 10
+    return picture
+
+
+def jpeg(number: int) -> bytes:
+    return cv2.imencode(".jpg", numbered_picture(number))[1].tobytes()
+
+
+def write_video(path: Path, count: int, rate: float = 30, codec: str = "MJPG", step: int = 1) -> Path:
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*codec), rate, (WIDTH, HEIGHT))
+    for number in range(count):
+        writer.write(numbered_picture(number * step))
+    writer.release()
+    return path
 
 
 @contextmanager
@@ -39,3 +65,13 @@ def served(pictures: Callable[[], Iterable[tuple[bytes, float]]], lengths: bool 
         stopped.set()
         server.shutdown()
         server.server_close()
+
+
+def stream(rate: float = 30.0, lengths: bool = True, breaks_after: int = 200, silent_after: int = 200):
+    """The address of a stream of numbered pictures that can break off or fall silent, as served() has it."""
+
+    def pictures():
+        for number in range(breaks_after):
+            yield jpeg(number), 1 / rate + 20 * (number >= silent_after)
+
+    return served(pictures, lengths)
