@@ -250,7 +250,7 @@ def _along(step: Floats, doubt: Floats, apart: Distance) -> float:
 
 def _distance(step: Floats, doubt: Floats) -> Distance:
     """Of a difference from none. step (N,), doubt (N, N): its covariance."""
-    from scipy.stats import chi2
+    from scipy.special import chdtrc
 
     free = np.diag(doubt) > 0
     if not np.isfinite(doubt).all():
@@ -263,4 +263,4 @@ def _distance(step: Floats, doubt: Floats) -> Distance:
     values, axes = np.linalg.eigh(doubt[np.ix_(free, free)] / np.outer(sigmas, sigmas))
     known = values > _ROUNDING * values.max()
     square = float(np.sum((axes.T @ (step[free] / sigmas))[known] ** 2 / values[known]))
-    return Distance(float(np.sqrt(square)), int(known.sum()), float(chi2.sf(square, int(known.sum()))))
+    return Distance(float(np.sqrt(square)), int(known.sum()), float(chdtrc(int(known.sum()), square)))

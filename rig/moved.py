@@ -369,10 +369,10 @@ def _distances(problem: Problem, joint: Joint) -> Floats:
 
 def _limits(evidence: _Evidence, false_alarms: float) -> Floats:
     """Fall of chi-square (C,) from which a camera is said to have moved."""
-    from scipy.stats import f
+    from scipy.special import fdtri
 
     # Every camera is tested, and any of them may raise the alarm: each has its share of the chance.
-    return _FREEDOMS * f.isf(false_alarms / len(evidence.names), _FREEDOMS, evidence.freedom)
+    return _FREEDOMS * fdtri(_FREEDOMS, evidence.freedom, 1 - false_alarms / len(evidence.names))
 
 
 def _greedy(evidence: _Evidence, cameras: int, false_alarms: float) -> list[CameraMove]:
@@ -408,10 +408,10 @@ def _greedy(evidence: _Evidence, cameras: int, false_alarms: float) -> list[Came
 def _found_sigmas(limit: float, freedom: float) -> float:
     """Of how many sigmas a shift is that passes the limit with the power promised."""
     from scipy.optimize import root_scalar
-    from scipy.stats import ncf
+    from scipy.special import ncfdtr
 
     def missing_power(centre: float) -> float:
-        return float(ncf.sf(limit / _FREEDOMS, _FREEDOMS, freedom, centre)) - _POWER
+        return float(1 - ncfdtr(_FREEDOMS, freedom, centre, limit / _FREEDOMS)) - _POWER
 
     # Ten times the limit is beyond it 95 times of 100 even where one degree of freedom tells the noise.
     return float(np.sqrt(root_scalar(missing_power, bracket=(0.1, 10 * limit)).root))
@@ -436,7 +436,7 @@ def _rows(cameras: list[int]) -> Ints:
 
 def _answer(evidence: _Evidence, others: list[int], index: int, sigmas: float) -> CameraMove:
     """What Views say of one camera where the others in the list may have moved. sigmas: of a shift surely found."""
-    from scipy.stats import f
+    from scipy.special import fdtrc
 
     rows = _rows([*others, index])
     covariance = scaled_inverse(evidence.information[np.ix_(rows, rows)])
@@ -455,7 +455,7 @@ def _answer(evidence: _Evidence, others: list[int], index: int, sigmas: float) -
         float(np.linalg.norm(step[:3])),
         float(np.sqrt(max(shift_doubt.mean(), 0))),
         float(np.sqrt(max(rotation_doubt.mean(), 0))),
-        float(f.sf(_gain(evidence, others, index) / _FREEDOMS, _FREEDOMS, evidence.freedom[index])),
+        float(fdtrc(_FREEDOMS, evidence.freedom[index], max(_gain(evidence, others, index), 0) / _FREEDOMS)),
         found,
         why=f"it would have to move by {length(found)} to be noticed; show more rectangles to it" if blind else "",
         covariance=doubt,

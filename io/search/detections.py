@@ -39,6 +39,8 @@ _FOLLOWS = 3
 # Batches that are looked at first, spread over a recording of many: where some 500 images show no rectangle, the
 # description is wrong, and hours of search would find no more.
 _PROBE, _FEW_BATCHES = 16, 48
+# A worker takes as long to begin as it takes to search half as many pixels: two of them would end no sooner.
+_FEW_PIXELS = 4_000_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -195,11 +197,12 @@ def _search(
     stamps = {camera.name: camera.stamps for camera in recording.cameras}
     total, done = sum(len(batch.images) for batch in batches), 0
     batches, enough = _spread_first(batches)
+    workers = effort.workers or (1 if sum(map(_pixels, batches)) <= _FEW_PIXELS else None)
     shown, looked = any(_shows(views) for views in found.values()), 0
     try:
         with ExitStack() as stack:
             writer = stack.enter_context(keep_detections(cache, keys, found, stamps)) if cache else None
-            results = stack.enter_context(closing(run_tasks(_search_batch, batches, effort.workers, effort.executor)))
+            results = stack.enter_context(closing(run_tasks(_search_batch, batches, workers, effort.executor)))
             advance = stack.enter_context(progress_bar("detect", total, "images", quiet=not effort.progress))
             for index, result in results:
                 batch = batches[index]
@@ -229,6 +232,10 @@ def _spread_first(batches: Sequence[_Batch]) -> tuple[list[_Batch], int]:
     probe = np.linspace(0, len(batches) - 1, _PROBE).round().astype(int)
     rest = np.setdiff1d(np.arange(len(batches)), probe)
     return [batches[index] for index in (*probe, *rest)], len(probe)
+
+
+def _pixels(batch: _Batch) -> int:
+    return len(batch.images) * batch.size[0] * batch.size[1]
 
 
 def _shows(views: tuple[View, ...] | str) -> bool:

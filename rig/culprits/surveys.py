@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2
 
 from quadrig.rig.adjustment.pose_priors import LayoutPrior
 from quadrig.rig.adjustment.twist_jacobians import step_by_left_twist
@@ -85,11 +84,15 @@ def misplaced(solved: Solved) -> Misplaced | None:
 def _contradiction(step: Floats, sigmas: Floats, posterior: Floats) -> tuple[float, Floats]:
     """By which chance (log) a found pose is a step (6,) from the given one, and the step (6,) from that to where the
     others have it. sigmas (6,): of what is given; posterior (6, 6): the covariance of what is found."""
+    from scipy.special import chdtrc
+
     said, axes = np.linalg.eigh(np.eye(6) - posterior / np.outer(sigmas, sigmas))
     told = said > _LEAST_SAID
     along = axes.T[told] @ (step / sigmas)
     alone = sigmas * (axes[:, told] @ (along / said[told]))
-    return float(chi2.logsf((along**2 / said[told]).sum(), max(int(told.sum()), 1))), alone
+    with np.errstate(divide="ignore"):
+        chance = float(np.log(chdtrc(max(int(told.sum()), 1), (along**2 / said[told]).sum())))
+    return chance, alone
 
 
 def found_instead(problem: Problem, name: str) -> Problem:

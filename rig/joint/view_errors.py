@@ -79,8 +79,16 @@ def _moments(joint: Joint, chosen: Mask) -> tuple[Floats, Floats, Floats]:
 
 
 def _not_negative(matrix: Floats, right: Floats) -> Floats:
-    """The least-squares solution (2,) of a system of two, no element below zero."""
-    from scipy.optimize import nnls
-
-    scale = np.sqrt(np.maximum(np.diagonal(matrix), np.finfo(float).tiny))
-    return nnls(matrix / scale / scale[:, None], right / scale)[0] / scale
+    """The least-squares solution (2,) of a system of two, no element below zero: the best of those that are free,
+    where the others are zero."""
+    diagonal = np.diagonal(matrix)
+    scale = np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
+    scaled, aim = matrix / scale / scale[:, None], right / scale
+    best, least = np.zeros(2), float(aim @ aim)
+    for free in ([0], [1], [0, 1]):
+        found = np.zeros(2)
+        found[free] = np.linalg.lstsq(scaled[:, free], aim)[0]
+        off = aim - scaled @ found
+        if (found >= 0).all() and off @ off < least:
+            best, least = found, float(off @ off)
+    return best / scale

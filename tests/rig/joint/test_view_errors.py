@@ -4,8 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.optimize import nnls
 
-from quadrig.rig.joint.view_errors import view_error_variances
+from quadrig.rig.joint.view_errors import _not_negative, view_error_variances
 from quadrig.single.lens import project
 
 
@@ -52,3 +53,11 @@ def test_shifts_of_views_are_found_about_as_large_as_they_are(made, jointly):
 def test_where_no_view_strays_there_is_next_to_nothing(made, jointly):
     shift, still = median_shift(made, jointly)
     assert max(shift, still) < 0.0002
+
+
+@pytest.mark.parametrize("right", [(1.0, 2.0), (-1.0, 2.0), (1.0, -2.0), (-1.0, -2.0), (0.3, 4.0)])
+def test_no_variance_is_below_zero(right):
+    matrix = np.array([[2e-8, 3e-6], [1e-6, 4.0]])
+    scale = np.sqrt(np.diagonal(matrix))
+    expected = nnls(matrix / scale / scale[:, None], right / scale)[0] / scale
+    np.testing.assert_allclose(_not_negative(matrix, np.array(right)), expected, rtol=1e-9)
