@@ -1,4 +1,4 @@
-"""The real `rig`, as a person calls it: good and bad input, exit codes, one line for what failed."""
+"""`rig` as a person calls it: good and bad input, exit codes, one line for what failed."""
 
 import json
 import os
@@ -7,6 +7,8 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable
+from contextlib import chdir, nullcontext
 from pathlib import Path
 
 import cv2
@@ -41,15 +43,29 @@ marking = { kind = "tag", dictionary = "apriltag_36h11", id = 2 }
 """
 
 
-def rig(*arguments: object, cwd: Path | None = None, **environment: str) -> subprocess.CompletedProcess[str]:
+def rig_process(*arguments: object, **environment: str) -> subprocess.CompletedProcess[str]:
+    """The installed command, in a process of its own."""
     return subprocess.run(
         [str(RIG), *map(str, arguments)],
         capture_output=True,
         text=True,
         timeout=300,
-        cwd=cwd,
         env={**os.environ, **environment},
     )
+
+
+@pytest.fixture
+def rig(capfd) -> Callable[..., subprocess.CompletedProcess[str]]:
+    """rig(word, ..., cwd=None): the same command in this process, which has imported everything already."""
+
+    def called(*arguments: object, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
+        words = [str(word) for word in arguments]
+        capfd.readouterr()
+        with chdir(cwd) if cwd else nullcontext():
+            code = commands.run(words)
+        return subprocess.CompletedProcess(words, code, *capfd.readouterr())
+
+    return called
 
 
 def assert_one_sentence(done: subprocess.CompletedProcess[str], *words: str) -> None:
@@ -94,7 +110,7 @@ def test_help_lists_every_command_quickly_and_imports_none() -> None:
 
 
 @pytest.mark.parametrize("name", commands.COMMANDS)
-def test_every_command_has_help_with_an_example(name: str) -> None:
+def test_every_command_has_help_with_an_example(rig, name: str) -> None:
     done = rig(name, "--help")
     assert done.returncode == 0, done.stderr
     assert "xample" in done.stdout
@@ -104,7 +120,7 @@ def test_every_command_has_help_with_an_example(name: str) -> None:
     assert "{" not in done.stdout.splitlines()[0]
 
 
-def test_help_of_a_command_is_its_help() -> None:
+def test_help_of_a_command_is_its_help(rig) -> None:
     assert rig("help", "report").stdout == rig("report", "--help").stdout
     assert rig("help").stdout == rig("--help").stdout
     assert rig("help", "nonsense").returncode == 2
@@ -121,7 +137,7 @@ def test_help_of_a_command_is_its_help() -> None:
 )
 def test_a_shell_completes_commands_and_their_options(line: str, completed: list[str]) -> None:
     words = str(len(line.split()) - 1)
-    done = rig(_RIG_COMPLETE="complete_bash", COMP_WORDS=line, COMP_CWORD=words)
+    done = rig_process(_RIG_COMPLETE="complete_bash", COMP_WORDS=line, COMP_CWORD=words)
     assert done.stdout.split() == completed
 
 
@@ -129,11 +145,11 @@ def test_the_completion_of_a_shell_can_be_installed(tmp_path: Path) -> None:
     # It is the shell that calls it whose completion is shown: one that goes on after it.
     done = subprocess.run(["bash", "-c", f"'{RIG}' --show-completion; true"], capture_output=True, text=True)
     assert "complete -o default -F _rig_completion rig" in done.stdout
-    assert "--install-completion" in rig("--help").stdout
+    assert "--install-completion" in rig_process("--help").stdout
     assert not list(tmp_path.iterdir())
 
 
-def test_init_describes_what_is_in_sight_so_that_it_can_be_calibrated(pictures: Path, tmp_path: Path) -> None:
+def test_init_describes_what_is_in_sight_so_that_it_can_be_calibrated(rig, pictures: Path, tmp_path: Path) -> None:
     folders = [pictures / "left", pictures / "right"]
     done = rig("init", *folders, "--size", "20cm", "--moving", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
@@ -145,7 +161,7 @@ def test_init_describes_what_is_in_sight_so_that_it_can_be_calibrated(pictures: 
     assert_one_sentence(rig("init", "--print"), "SOURCE")
 
 
-def test_a_dry_run_says_what_would_be_searched_and_writes_nothing(pictures: Path, tmp_path: Path) -> None:
+def test_a_dry_run_says_what_would_be_searched_and_writes_nothing(rig, pictures: Path, tmp_path: Path) -> None:
     arguments = ["calibrate", pictures / "left", pictures / "right", "-c", pictures / "rig.toml", "--dry-run"]
     done = rig(*arguments, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
@@ -160,7 +176,7 @@ def test_a_dry_run_says_what_would_be_searched_and_writes_nothing(pictures: Path
     assert_one_sentence(rig(*arguments, "-o", tmp_path / "nowhere" / "rig.mcap", cwd=tmp_path), "nowhere")
 
 
-def test_quiet_says_results_alone_and_verbose_how_they_came(pictures: Path, tmp_path: Path) -> None:
+def test_quiet_says_results_alone_and_verbose_how_they_came(rig, pictures: Path, tmp_path: Path) -> None:
     folders = [pictures / name for name in ("left", "right")]
     arguments = ["calibrate", *folders, "-c", pictures / "rig.toml", "-o", tmp_path / "rig.mcap", "--no-cache"]
     quiet, verbose = rig(*arguments, "-q"), rig(*arguments, "-v")
@@ -189,13 +205,13 @@ def test_colours_follow_the_habits_of_other_programs(given, then, monkeypatch) -
 
 
 @pytest.mark.parametrize("arguments", [["nonsense"], ["calibrate"], ["calibrate", "a", "--nonsense"], ["demo", "3"]])
-def test_wrong_usage_exits_with_two(arguments: list[str]) -> None:
+def test_wrong_usage_exits_with_two(rig, arguments: list[str]) -> None:
     done = rig(*arguments)
     assert done.returncode == 2
     assert "Traceback" not in done.stderr
 
 
-def test_two_cameras_that_share_a_rectangle_become_a_rig(pictures: Path, tmp_path: Path) -> None:
+def test_two_cameras_that_share_a_rectangle_become_a_rig(rig, pictures: Path, tmp_path: Path) -> None:
     arguments = ["calibrate", pictures / "left", pictures / "right", "-c", pictures / "rig.toml"]
     done = rig(*arguments, "-o", tmp_path / "rig.mcap", "--json")
     assert done.returncode == 0, done.stderr
@@ -210,7 +226,9 @@ def test_two_cameras_that_share_a_rectangle_become_a_rig(pictures: Path, tmp_pat
 
 def test_python_gives_the_rig_that_the_command_writes(pictures: Path, tmp_path: Path) -> None:
     folders = [pictures / "left", pictures / "right"]
-    assert rig("calibrate", *folders, "-c", pictures / "rig.toml", "-o", tmp_path / "rig.mcap").returncode == 0
+    assert (
+        rig_process("calibrate", *folders, "-c", pictures / "rig.toml", "-o", tmp_path / "rig.mcap").returncode == 0
+    )
     written, made = read_rig(tmp_path / "rig.mcap"), calibrate_recording(folders, read_config(pictures / "rig.toml"))
     for one, other in zip(written.cameras, made.cameras, strict=True):
         assert one.name == other.name
@@ -220,7 +238,7 @@ def test_python_gives_the_rig_that_the_command_writes(pictures: Path, tmp_path: 
         )
 
 
-def test_a_second_run_does_not_search_again(pictures: Path, tmp_path: Path) -> None:
+def test_a_second_run_does_not_search_again(rig, pictures: Path, tmp_path: Path) -> None:
     arguments = ["calibrate", pictures / "left", pictures / "right", "-c", pictures / "rig.toml", "--json"]
     runs = [
         rig(*arguments, "-o", tmp_path / f"{name}.mcap", *more) for name, *more in (("a", "--no-cache"), "b", "b")
@@ -230,7 +248,7 @@ def test_a_second_run_does_not_search_again(pictures: Path, tmp_path: Path) -> N
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.mcap", "b.detections.mcap", "b.mcap"]
 
 
-def test_the_table_leads_with_the_working_accuracy(pictures: Path, tmp_path: Path) -> None:
+def test_the_table_leads_with_the_working_accuracy(rig, pictures: Path, tmp_path: Path) -> None:
     arguments = ["calibrate", pictures / "left", pictures / "right", "-c", pictures / "rig.toml"]
     done = rig(*arguments, "-o", tmp_path / "rig.mcap")
     assert done.returncode == 0, done.stderr
@@ -239,7 +257,7 @@ def test_the_table_leads_with_the_working_accuracy(pictures: Path, tmp_path: Pat
     assert "rig frame" in done.stdout
 
 
-def test_a_camera_that_shares_nothing_is_named_and_not_placed(pictures: Path, tmp_path: Path) -> None:
+def test_a_camera_that_shares_nothing_is_named_and_not_placed(rig, pictures: Path, tmp_path: Path) -> None:
     result = tmp_path / "rig.mcap"
     folders = [pictures / name for name in ("left", "right", "hall")]
     done = rig("calibrate", *folders, "-c", pictures / "rig.toml", "-o", result, "--all-cameras")
@@ -254,7 +272,7 @@ def test_a_camera_that_shares_nothing_is_named_and_not_placed(pictures: Path, tm
     assert result.exists()
 
 
-def test_cameras_that_share_nothing_have_their_lenses(pictures: Path, tmp_path: Path) -> None:
+def test_cameras_that_share_nothing_have_their_lenses(rig, pictures: Path, tmp_path: Path) -> None:
     folders = [pictures / name for name in ("left", "hall")]
     done = rig("calibrate", *folders, "-c", pictures / "rig.toml", "-o", tmp_path / "rig.mcap", "--json")
     assert done.returncode == 0, done.stderr
@@ -265,7 +283,7 @@ def test_cameras_that_share_nothing_have_their_lenses(pictures: Path, tmp_path: 
     assert "<h2>Lens only</h2>" in (tmp_path / "rig.html").read_text()
 
 
-def test_a_rig_that_is_refused_leaves_what_was_found(pictures: Path, tmp_path: Path) -> None:
+def test_a_rig_that_is_refused_leaves_what_was_found(rig, pictures: Path, tmp_path: Path) -> None:
     folders = [pictures / name for name in ("left", "hall")]
     done = rig("calibrate", *folders, "-c", pictures / "rig.toml", "-o", tmp_path / "rig.mcap", "--all-cameras")
     assert_one_sentence(done, "hall", "left")
@@ -273,14 +291,14 @@ def test_a_rig_that_is_refused_leaves_what_was_found(pictures: Path, tmp_path: P
     assert [path.name for path in tmp_path.iterdir()] == ["rig.detections.mcap"]
 
 
-def test_pictures_of_nothing_leave_nothing_behind(pictures: Path, tmp_path: Path) -> None:
+def test_pictures_of_nothing_leave_nothing_behind(rig, pictures: Path, tmp_path: Path) -> None:
     (tmp_path / "rig.toml").write_text(ROOM.replace("id = 1", "id = 11").replace("id = 2", "id = 12"))
     done = rig("calibrate", pictures / "left", pictures / "right", cwd=tmp_path)
     assert_one_sentence(done)
     assert [path.name for path in tmp_path.iterdir()] == ["rig.toml"]
 
 
-def test_bad_recordings_are_reported_in_one_sentence(pictures: Path, tmp_path: Path) -> None:
+def test_bad_recordings_are_reported_in_one_sentence(rig, pictures: Path, tmp_path: Path) -> None:
     from mcap.writer import Writer
 
     room = pictures / "rig.toml"
@@ -297,6 +315,8 @@ def test_bad_recordings_are_reported_in_one_sentence(pictures: Path, tmp_path: P
         path = tmp_path / f"{name}.mcap"
         done = rig("calibrate", path, "-c", room, "-o", tmp_path / "rig.mcap")
         assert_one_sentence(done, path.name, word)
+    # By itself, with nothing that listens to what libraries say, it is no other.
+    assert rig_process(*done.args).stderr == done.stderr
     assert sorted(tmp_path.iterdir()) == before
 
 
@@ -309,7 +329,7 @@ def test_bad_recordings_are_reported_in_one_sentence(pictures: Path, tmp_path: P
     ],
 )
 def test_bad_configs_are_reported_in_one_sentence(
-    pictures: Path, tmp_path: Path, right: str, wrong: str, words: list[str]
+    rig, pictures: Path, tmp_path: Path, right: str, wrong: str, words: list[str]
 ) -> None:
     (tmp_path / "rig.toml").write_text(ROOM.replace(right, wrong, 1))
     done = rig("calibrate", pictures / "left", pictures / "right", cwd=tmp_path)
@@ -317,13 +337,13 @@ def test_bad_configs_are_reported_in_one_sentence(
     assert [path.name for path in tmp_path.iterdir()] == ["rig.toml"]
 
 
-def test_a_place_that_cannot_be_written_is_named(pictures: Path, tmp_path: Path) -> None:
+def test_a_place_that_cannot_be_written_is_named(rig, pictures: Path, tmp_path: Path) -> None:
     result = tmp_path / "nowhere" / "rig.mcap"
     done = rig("calibrate", pictures / "left", pictures / "right", "-c", pictures / "rig.toml", "-o", result)
     assert_one_sentence(done, "nowhere")
 
 
-def test_each_recording_becomes_a_rig_of_its_own(pictures: Path, tmp_path: Path) -> None:
+def test_each_recording_becomes_a_rig_of_its_own(rig, pictures: Path, tmp_path: Path) -> None:
     for name in ("monday", "tuesday"):
         arguments = [f"--camera={side}={pictures / side}" for side in ("left", "right")]
         assert rig("record", *arguments, "-o", tmp_path / f"{name}.mcap").returncode == 0
@@ -337,7 +357,7 @@ def test_each_recording_becomes_a_rig_of_its_own(pictures: Path, tmp_path: Path)
     assert_one_sentence(rig(*arguments, "--cache", tmp_path / "one.mcap"), "--each", "--cache")
 
 
-def test_only_needs_the_rig_from_before(pictures: Path) -> None:
+def test_only_needs_the_rig_from_before(rig, pictures: Path) -> None:
     done = rig("calibrate", pictures / "left", "-c", pictures / "rig.toml", "--only", "left")
     assert_one_sentence(done, "--only", "--from")
 
