@@ -39,7 +39,7 @@ from quadrig.single.solve.planar_pose import planar_poses
 _SHORTEST, _LONGEST = 0.05, 20.0
 # The focal that a camera starts from when no View of its determines it: 53 degrees across.
 _USUAL_FOCAL = 1.0
-# Scatter of the logarithms of Views' focals from which none is known: what lenses have scatters by twice that.
+# Scatter of the logarithms of Views' focals from which the usual one may be nearer: lenses scatter by twice that.
 _SCATTERED = 0.18
 # Focals that a fisheye may begin from, in sigmas of what fisheyes have: a seventh apart, which a few steps bridge.
 _FISHEYE_FOCALS = np.arange(-2.5, 3.01, 0.5)
@@ -115,6 +115,7 @@ def _first_lenses(problem: Problem, observations: Observations) -> Floats:
     middles = np.array([image_middle(c.width, c.height) for c in problem.cameras]).reshape(-1, 2)
     larger = np.array([max(c.width, c.height) for c in problem.cameras], float)
     focal, weight = np.full(len(problem.views), np.nan), np.zeros(len(problem.views))
+    unsure = np.zeros(len(problem.cameras), bool)
     for group in observations.groups:
         focal[group.view], weight[group.view] = _focals(
             group.points, group.pixels, group.weights, middles[group.camera]
@@ -128,26 +129,35 @@ def _first_lenses(problem: Problem, observations: Observations) -> Floats:
         size = focal / larger[row]
         own = (problem.camera == row) & (weight > 0) & (size > _SHORTEST) & (size < _LONGEST)
         if own.any():
-            lens[row, 0] = _first_focal(focal[own], weight[own], larger[row])
+            lens[row, 0] = _weighted_median(focal[own], weight[own])
+            unsure[row] = _scatter(focal[own] / lens[row, 0], weight[own]) > _SCATTERED
+            unsure[row] |= abs(np.log(lens[row, 0] / larger[row]) - FOCAL[0]) > FOCAL[1]
     given = np.array([camera.intrinsics is not None for camera in problem.cameras])
     lens[:, 0] = np.where(given, lens[:, 0], usual_focal(larger, problem.models, lens[:, 0]))
     fisheyes = ~given & np.array([model == "fisheye" for model in problem.models])
-    return _with_fisheye_focals(observations, lens, fisheyes, larger) if fisheyes.any() else lens
+    tried = np.exp(FISHEYE_FOCAL[0] + _FISHEYE_FOCALS[:, None] * FISHEYE_FOCAL[1]) * np.ones(len(larger))
+    lens = _likeliest(observations, lens, fisheyes, tried, larger, FISHEYE_FOCAL)
+    tried = np.stack([lens[:, 0] / larger, np.full(len(larger), np.exp(FOCAL[0]))])
+    return _likeliest(observations, lens, unsure & ~fisheyes, tried, larger, FOCAL)
 
 
-def _with_fisheye_focals(observations: Observations, lens: Floats, which: Mask, larger: Floats) -> Floats:
-    """Lenses (C, 9), of fisheyes (C,) with the one of some focals under which the median View fits best: towards the
-    edge of its picture, boards that are seen by a fisheye have a pinhole's focal that is twice as long."""
+def _likeliest(
+    observations: Observations, lens: Floats, which: Mask, focals: Floats, side: Floats, usual: tuple[float, float]
+) -> Floats:
+    """Lenses (C, 9), of some (C,) with the likeliest of focals (K, C), in the larger side of the picture, side (C,)
+    px. usual: mean and sigma of the logarithm of what lenses have."""
     best, least = lens.copy(), np.full(len(lens), np.inf)
-    for sigmas in _FISHEYE_FOCALS:
-        tried = lens.copy()
-        tried[which, 0] = larger[which] * np.exp(FISHEYE_FOCAL[0] + sigmas * FISHEYE_FOCAL[1])
-        _, errors = _both_poses(observations, tried)
+    for tried in focals if which.any() else ():
+        at = lens.copy()
+        at[which, 0] = (tried * side)[which]
+        _, errors = _both_poses(observations, at)
         for camera in np.flatnonzero(which):
             own = errors[observations.camera == camera, 0]
-            miss = tried[camera, 0] * np.median(own) if len(own) else np.inf
-            if miss < least[camera]:
-                best[camera], least[camera] = tried[camera], miss
+            # What the lens bends is not known yet and the same in all points of a View, so a View counts as one.
+            miss = max(at[camera, 0] * np.median(own), LEAST_NOISE) if len(own) else LEAST_NOISE
+            cost = 2 * len(own) * np.log(miss) + ((np.log(tried[camera]) - usual[0]) / usual[1]) ** 2
+            if cost < least[camera]:
+                best[camera], least[camera] = at[camera], cost
     return best
 
 
@@ -171,12 +181,9 @@ def _focals(points: Floats, pixels: Floats, weights: Floats, middle: Floats) -> 
     return found.focal, np.where(usable & np.isfinite(weight) & np.isfinite(found.focal), weight, 0.0)
 
 
-def _first_focal(focals: Floats, weights: Floats, side: float) -> float:
-    """The weighted median of Views' focals (V,), px, or the usual one where they scatter too much: Views of nearly
-    flat sheets have focals several times too long, from which a fit ends in a valley. side: of the picture, px."""
-    found = _weighted_median(focals, weights)
-    scatter = np.sqrt(weights @ np.log(focals / found) ** 2 / weights.sum())
-    return found if scatter < _SCATTERED else float(side * np.exp(FOCAL[0]))
+def _scatter(ratios: Floats, weights: Floats) -> float:
+    """Root mean square of the logarithms of ratios (V,)."""
+    return float(np.sqrt(weights @ np.log(ratios) ** 2 / weights.sum()))
 
 
 def _weighted_median(values: Floats, weights: Floats) -> float:

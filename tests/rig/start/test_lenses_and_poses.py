@@ -13,7 +13,7 @@ from quadrig.rig.start.together import camera_from_cluster, seen_together
 from quadrig.single.lens import Intrinsics, project
 from quadrig.single.markings.boards import board_points
 from quadrig.single.pose import Pose
-from quadrig.single.rectangle import WORLD, Rectangle
+from quadrig.single.rectangle import WORLD, Rectangle, rectangle_corners
 from quadrig.single.view import View
 
 
@@ -150,3 +150,17 @@ def test_views_of_a_nearly_flat_sheet_lead_to_no_focal_that_is_sure_and_wrong():
     rig = calibrate([CameraInput("cam", 1280, 800)], [Rectangle("board", 0.54, 0.36, moving=True)], views)
     sigma = rig.focal_sigma("cam") / rig.cameras[0].intrinsics.focal
     assert abs(np.log(rig.cameras[0].intrinsics.focal / 660)) < 3 * sigma
+
+
+def test_views_that_scatter_are_heard_where_they_tell_more_than_what_lenses_have():
+    """Five cards seen by a long lens, near their noise: the usual focal, half of it, fits none of them."""
+    rng = np.random.default_rng(0)
+    lens = Intrinsics(1280, 800, 1900.0, np.array([655.0, 390.0]), np.zeros(5))
+    points, views, sheets = rectangle_corners(0.1, 0.07), [], []
+    for number in range(5):
+        place = Pose.from_vectors(0.7 * rng.uniform(-1, 1, 3), [*rng.uniform(-0.1, 0.1, 2), rng.uniform(0.6, 1.0)])
+        pixels = lens.project(place.transform(points)) + 0.5 * rng.normal(size=(4, 2))
+        views.append(View(f"card{number}", points, pixels, camera="cam", sigma=0.5))
+        sheets.append(Rectangle(f"card{number}", 0.1, 0.07))
+    found = first_cameras(build_problem([CameraInput("cam", 1280, 800)], sheets, views))
+    assert abs(np.log(found.lens[0, 0] / 1900)) < 0.15
