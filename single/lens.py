@@ -29,6 +29,8 @@ DISTORTION_NAMES: dict[LensModel, tuple[str, ...]] = {
 # twice what a lens of any use needs; a pixel that is not back to 1e-9 by then has no ray in front of the lens.
 _NEWTON_STEPS = 20
 _NEWTON_TOLERANCE = 1e-9
+# Where all are this near they are as near as rounding lets them come.
+_CONVERGED = 1e-4 * _NEWTON_TOLERANCE
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,17 +179,23 @@ def _plane_from_point(points: Floats) -> Floats:
 
 
 def _distort_radial_tangential(parameters: Floats, plane: Floats) -> Floats:
-    k1, k2, p1, p2, k3 = np.moveaxis(parameters[..., 3:8], -1, 0)
-    x, y = plane[..., 0], plane[..., 1]
+    return np.stack(_distorted(_coefficients(parameters), plane[..., 0], plane[..., 1]), axis=-1)
+
+
+def _coefficients(parameters: Floats) -> Floats:
+    """k1, k2, p1, p2, k3 (5, ...), each of which broadcasts against coordinates."""
+    return np.moveaxis(parameters[..., 3:8], -1, 0)
+
+
+def _distorted(coefficients: Floats, x: Floats, y: Floats) -> tuple[Floats, Floats]:
+    """Where the lens takes a point of the plane."""
+    k1, k2, p1, p2, k3 = coefficients
     square = x * x + y * y
     radial = 1 + square * (k1 + square * (k2 + square * k3))
     product = 2 * x * y
-    return np.stack(
-        [
-            x * radial + p1 * product + p2 * (square + 2 * x * x),
-            y * radial + p2 * product + p1 * (square + 2 * y * y),
-        ],
-        axis=-1,
+    return (
+        x * radial + p1 * product + p2 * (square + 2 * x * x),
+        y * radial + p2 * product + p1 * (square + 2 * y * y),
     )
 
 
@@ -238,37 +246,43 @@ def _fill_radial_tangential(
     return distorted_x, distorted_y
 
 
-def _radial_tangential_slope(parameters: Floats, plane: Floats) -> Floats:
-    """Derivative (..., 2, 2) of the distorted point by the plane point (..., 2)."""
-    k1, k2, p1, p2, k3 = np.moveaxis(parameters[..., 3:8], -1, 0)
-    x, y = plane[..., 0], plane[..., 1]
+def _slopes(coefficients: Floats, x: Floats, y: Floats) -> tuple[Floats, Floats, Floats]:
+    """Derivatives of `_distorted`: of x by x, of y by y, and of either by the other."""
+    k1, k2, p1, p2, k3 = coefficients
     square = x * x + y * y
     radial = 1 + square * (k1 + square * (k2 + square * k3))
     slope = 2 * (k1 + square * (2 * k2 + square * 3 * k3))
-    by_plane = np.empty((*radial.shape, 2, 2))
-    by_plane[..., 0, 0] = radial + x * x * slope + 2 * p1 * y + 6 * p2 * x
-    by_plane[..., 1, 1] = radial + y * y * slope + 2 * p2 * x + 6 * p1 * y
-    by_plane[..., 0, 1] = by_plane[..., 1, 0] = x * y * slope + 2 * p1 * x + 2 * p2 * y
-    return by_plane
+    return (
+        radial + x * x * slope + 2 * p1 * y + 6 * p2 * x,
+        radial + y * y * slope + 2 * p2 * x + 6 * p1 * y,
+        x * y * slope + 2 * p1 * x + 2 * p2 * y,
+    )
 
 
 def _undistort_radial_tangential(parameters: Floats, distorted: Floats) -> Floats:
-    parameters = np.broadcast_to(parameters, (*distorted.shape[:-1], 9))
-    plane = distorted.copy()
+    coefficients = _coefficients(parameters)
+    # All pixels of a picture are a million: each coordinate is worked on as one piece of memory.
+    aim_x, aim_y = np.ascontiguousarray(distorted[..., 0]), np.ascontiguousarray(distorted[..., 1])
+    x, y = aim_x, aim_y
     for _ in range(_NEWTON_STEPS):
-        error = _distort_radial_tangential(parameters, plane) - distorted
-        if np.nanmax(np.abs(error), initial=0.0) < _NEWTON_TOLERANCE * 1e-4:
+        error_x, error_y = _errors(coefficients, x, y, aim_x, aim_y)
+        if max(np.nanmax(np.abs(error), initial=0.0) for error in (error_x, error_y)) < _CONVERGED:
             break
-        slope = _radial_tangential_slope(parameters, plane)
-        determinant = slope[..., 0, 0] * slope[..., 1, 1] - slope[..., 0, 1] * slope[..., 1, 0]
-        step_x = (slope[..., 1, 1] * error[..., 0] - slope[..., 0, 1] * error[..., 1]) / determinant
-        step_y = (slope[..., 0, 0] * error[..., 1] - slope[..., 1, 0] * error[..., 0]) / determinant
-        plane = plane - np.stack([step_x, step_y], axis=-1)
-    error = np.abs(_distort_radial_tangential(parameters, plane) - distorted).max(axis=-1)
-    slope = _radial_tangential_slope(parameters, plane)
+        by_x, by_y, mixed = _slopes(coefficients, x, y)
+        determinant = by_x * by_y - mixed * mixed
+        x = x - (by_y * error_x - mixed * error_y) / determinant
+        y = y - (by_x * error_y - mixed * error_x) / determinant
+    error_x, error_y = _errors(coefficients, x, y, aim_x, aim_y)
+    by_x, by_y, mixed = _slopes(coefficients, x, y)
     # A folded lens maps two radii to one pixel: the ray is the one before the fold, where the map keeps sense.
-    unfolded = slope[..., 0, 0] * slope[..., 1, 1] - slope[..., 0, 1] * slope[..., 1, 0] > 0
-    return np.where(((error < _NEWTON_TOLERANCE) & unfolded)[..., None], plane, np.nan)
+    unfolded = by_x * by_y - mixed * mixed > 0
+    found = (np.maximum(np.abs(error_x), np.abs(error_y)) < _NEWTON_TOLERANCE) & unfolded
+    return np.where(found[..., None], np.stack([x, y], axis=-1), np.nan)
+
+
+def _errors(coefficients: Floats, x: Floats, y: Floats, aim_x: Floats, aim_y: Floats) -> tuple[Floats, Floats]:
+    distorted_x, distorted_y = _distorted(coefficients, x, y)
+    return distorted_x - aim_x, distorted_y - aim_y
 
 
 def _equidistant_radius(parameters: Floats, angle: Floats) -> tuple[Floats, Floats]:
@@ -327,12 +341,14 @@ def _fill_equidistant(
 
 
 def _ray_equidistant(parameters: Floats, distorted: Floats) -> Floats:
-    parameters = np.broadcast_to(parameters, (*distorted.shape[:-1], 9))
     radius = np.linalg.norm(distorted, axis=-1)
     angle = np.minimum(radius, np.pi)
     for _ in range(_NEWTON_STEPS):
         value, slope = _equidistant_radius(parameters, angle)
-        angle = angle - (value - radius) / slope
+        error = value - radius
+        if np.nanmax(np.abs(error), initial=0.0) < _CONVERGED:
+            break
+        angle = angle - error / slope
     value, slope = _equidistant_radius(parameters, angle)
     found = (np.abs(value - radius) < _NEWTON_TOLERANCE) & (slope > 0) & (angle >= 0) & (angle <= np.pi)
     angle = np.where(found, angle, np.nan)
