@@ -10,7 +10,7 @@ import numpy as np
 
 from quadrig.rig.sheet_shape import SheetShape
 from quadrig.rig.words import ONE_SIGMA, Column, counted, length, pixels, sigma_figure, with_sigma
-from quadrig.single.arrays import Floats, Ints, Mask
+from quadrig.single.arrays import Floats, Ints, Mask, median
 from quadrig.single.lens import LENS_PARAMETERS, Intrinsics
 from quadrig.single.lens_prior import LensEvidence
 from quadrig.single.pose import Pose, compose_jacobians, inverse_jacobian
@@ -364,7 +364,7 @@ def body_sentence(body: PlacedBody) -> str:
     """What a body is, how often it was seen, and how well it is known where it was, or the rig in it."""
     what = f"{body.name}: {counted(len(body.rectangles), 'rectangle')} fixed to each other"
     poses, covariance = body.path() if body.is_room else (body.rig_from_body, body.covariance)
-    turn, shift = (sigma_figure(float(np.median(part))) for part in pose_sigmas(covariance) * [[180 / np.pi], [1e3]])
+    turn, shift = (sigma_figure(median(part)) for part in pose_sigmas(covariance) * [[180 / np.pi], [1e3]])
     doubt = f"± {shift} mm and ± {turn} deg"
     if not len(body.framesets):
         return f"{what}, which stand still; where they do is known to {doubt}"

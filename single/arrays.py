@@ -1,4 +1,4 @@
-"""What arrays hold: the names that stand in every signature."""
+"""What arrays hold: the names that stand in every signature; and their median."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,3 +20,11 @@ Mask = NDArray[np.bool_]
 
 Picture = NDArray[np.uint8]
 """Grey (H, W) or BGR (H, W, 3) values of an image."""
+
+
+def median(values: "Floats | list[float]") -> float:
+    """The median of at least one value; nan where one is nan. numpy's own loads all of numpy.ma when it is first
+    called, which takes longer than what a quick command does besides."""
+    ordered = np.sort(np.asarray(values, float), axis=None)
+    middle = (ordered[(len(ordered) - 1) // 2] + ordered[len(ordered) // 2]) / 2
+    return float(middle if ordered[-1] == ordered[-1] else np.nan)

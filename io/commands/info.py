@@ -2,17 +2,20 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from quadrig.io.file_kind import RIG, file_kind
 from quadrig.io.plain_words import console
-from quadrig.io.recording.camera import RecordedCamera
-from quadrig.io.recording.framesets import CameraReport, Framesets, build_framesets
-from quadrig.io.recording.recorded_cameras import Recording, open_recording
 from quadrig.io.report.terminal import print_sentence, print_table
 from quadrig.rig.words import Column
 from quadrig.single.errors import QuadrigError
+
+if TYPE_CHECKING:
+    from quadrig.io.recording.camera import RecordedCamera
+    from quadrig.io.recording.framesets import CameraReport, Framesets
+    from quadrig.io.recording.recorded_cameras import Recording
 
 
 def info(
@@ -26,11 +29,19 @@ def info(
 
     Example: rig info room.mcap
     """
+    if len(recording) == 1 and recording[0].is_file() and file_kind(recording[0]) == RIG:
+        _print_rig(recording[0], as_json)
+        return
+    # Loaded when they are used: a rig is shown without them.
+    from quadrig.io.recording.framesets import build_framesets
+    from quadrig.io.recording.recorded_cameras import open_recording
+
     try:
         opened = open_recording(recording)
     except QuadrigError:
         from quadrig.io.rig_file.rig_mcap import is_rig_file
 
+        # What another program copied no longer says in its first bytes whose it is.
         if len(recording) == 1 and is_rig_file(recording[0]):
             _print_rig(recording[0], as_json)
             return
@@ -58,7 +69,7 @@ def _print_rig(path: Path, as_json: bool) -> None:
     print_rig(rig)
 
 
-def _as_json(recording: Recording, framesets: Framesets) -> dict[str, Any]:
+def _as_json(recording: "Recording", framesets: "Framesets") -> dict[str, Any]:
     offsets = dict(zip(framesets.cameras, clock_offsets(framesets.report), strict=True))
     reports = {report.camera: report for report in framesets.report}
     return {
@@ -82,7 +93,7 @@ def _as_json(recording: Recording, framesets: Framesets) -> dict[str, Any]:
     }
 
 
-def _camera_json(camera: RecordedCamera, report: CameraReport, offset: float | None) -> dict[str, Any]:
+def _camera_json(camera: "RecordedCamera", report: "CameraReport", offset: float | None) -> dict[str, Any]:
     prior = camera.prior
     return {
         "topic": camera.topic,
@@ -98,7 +109,7 @@ def _camera_json(camera: RecordedCamera, report: CameraReport, offset: float | N
     }
 
 
-def _columns(recording: Recording, framesets: Framesets) -> list[Column]:
+def _columns(recording: "Recording", framesets: "Framesets") -> list[Column]:
     cameras, reports = recording.cameras, framesets.report
     rates, offsets = [_rate(camera) for camera in cameras], clock_offsets(reports)
     priors = [camera.prior for camera in cameras]
@@ -116,13 +127,13 @@ def _columns(recording: Recording, framesets: Framesets) -> list[Column]:
     ]
 
 
-def clock_offsets(reports: Sequence[CameraReport]) -> list[float | None]:
+def clock_offsets(reports: "Sequence[CameraReport]") -> list[float | None]:
     """By how much the stamps of one instant come after those of the first camera, s; None where there are none."""
     first = next((report.offset for report in reports if report.used), 0.0)
     return [report.offset - first + 0.0 if report.used else None for report in reports]
 
 
-def _print(recording: Recording, framesets: Framesets) -> None:
+def _print(recording: "Recording", framesets: "Framesets") -> None:
     where = console()
     print_table(_columns(recording, framesets), where)
     where.print()
@@ -142,12 +153,12 @@ def _print(recording: Recording, framesets: Framesets) -> None:
         print_sentence(sentence, where)
 
 
-def _rate(camera: RecordedCamera) -> float | None:
+def _rate(camera: "RecordedCamera") -> float | None:
     """Images a second; None where their times say nothing."""
     stamps = camera.source.quick_stamps()
     span = (int(stamps.max()) - int(stamps.min())) / 1e9 if len(stamps) else 0.0
     return (len(stamps) - 1) / span if span > 0 else None
 
 
-def _seconds(framesets: Framesets) -> float:
+def _seconds(framesets: "Framesets") -> float:
     return (float(framesets.times[-1]) - float(framesets.times[0])) / 1e9 if len(framesets) else 0.0

@@ -59,7 +59,8 @@ def summary(rig: Rig) -> str:
 
 def lens_figures(every: Sequence[tuple[Rig, Camera]]) -> list[Column]:
     """What a lens is good for, how much of its picture was covered, which of its parameters were estimated."""
-    covered = [100 * coverage(rig)[camera.name] for rig, camera in every]
+    shares = {number: coverage(rig) for number, rig in {id(rig): rig for rig, _ in every}.items()}
+    covered = [100 * shares[id(rig)][camera.name] for rig, camera in every]
     return [
         Column("lens", "± px", tuple(sigma_figure(lens_accuracy(rig, camera.name)) for rig, camera in every)),
         Column("covered", "%", tuple(f"{share:.0f}" for share in covered)),

@@ -17,7 +17,7 @@ from quadrig.rig.sheet_shape import SHAPE_PARAMETERS, SheetShape
 from quadrig.single.errors import QuadrigError
 from quadrig.single.lens import Intrinsics, LensModel
 from quadrig.single.lens_prior import LensEvidence
-from quadrig.single.markings.registry import marking_kinds, marking_values
+from quadrig.single.markings.registry import marking_kind, marking_values
 from quadrig.single.pose import Pose
 from quadrig.single.rectangle import PRINT_SCALE_SIGMA, WORLD, Marking, Rectangle
 
@@ -362,7 +362,7 @@ def _placed_body(held: BodyRecord) -> PlacedBody:
 def recorded_marking(held: dict[str, Any]) -> Marking:
     """The marking of its values and kind. Raises QuadrigError where there is no such kind, msgspec.ValidationError
     where they are not its values."""
-    kind = marking_kinds().get(held.get("kind", ""))
+    kind = marking_kind(held.get("kind", ""))
     if kind is None:
         raise QuadrigError(f"the rig record has a marking of kind {held.get('kind')!r}; upgrade quadrig")
     return msgspec.convert({key: value for key, value in held.items() if key != "kind"}, type=kind)

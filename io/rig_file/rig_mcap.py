@@ -29,7 +29,6 @@ from quadrig.io.rig_file.record import (
 )
 from quadrig.io.safe_json import read_json
 from quadrig.io.topic_writer import TopicWriter
-from quadrig.io.version import __version__
 from quadrig.io.whole_file import refuse_no_place, refuse_other_kind, written_beside
 from quadrig.rig.result import Camera, PlacedRectangle, Rig, ViewFit
 from quadrig.single.errors import QuadrigError
@@ -97,6 +96,9 @@ def write_rig(
         _write_record(writer, rig, times, known)
         writer.attach(CONFIG_ATTACHMENT, "application/toml", config_text.encode(), first)
         names = msgspec.json.encode([Path(recording).name for recording in recordings]).decode()
+        # Loaded when it is used, for it looks through what is installed.
+        from quadrig.io.version import __version__
+
         writer.add_metadata("quadrig", {"version": __version__, "record": str(RECORD_FORMAT), "recordings": names})
         writer.finish()
 

@@ -4,7 +4,7 @@ import numpy as np
 
 from quadrig.rig.adjustment.lens_remainder import largest_field
 from quadrig.rig.result import Rig
-from quadrig.single.arrays import Floats
+from quadrig.single.arrays import Floats, median
 
 # Corners of which nothing is claimed are known to this, px.
 _USUAL_NOISE = 0.3
@@ -20,7 +20,7 @@ def noise_limit(rig: Rig) -> float:
     """Residual (px, root mean square of a coordinate) from which its Views do not fit."""
     claimed: Floats = np.array([fit.view.sigma for fit in rig.fits])
     claimed = claimed[np.isfinite(claimed)]
-    sigma = max(float(np.median(claimed)) if len(claimed) else 0.0, _USUAL_NOISE)
+    sigma = max(median(claimed) if len(claimed) else 0.0, _USUAL_NOISE)
     side = max(max(one.intrinsics.width, one.intrinsics.height) for one in rig.cameras)
     return max(_FAR * sigma, _FAR_SHARE * side)
 

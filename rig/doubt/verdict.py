@@ -13,6 +13,7 @@ from quadrig.rig.doubt.residual_field import residual_field
 from quadrig.rig.doubt.weaknesses import bent_sheets
 from quadrig.rig.result import Rig
 from quadrig.rig.words import counted, length, listed
+from quadrig.single.arrays import median
 
 Grade = Literal["good", "with care", "not yet"]
 
@@ -174,7 +175,7 @@ def contradiction_limit(views: Sequence[Disagreement]) -> float:
 
 def _usual(views: Sequence[Disagreement]) -> float:
     sigmas = [one.sigmas for one in views if np.isfinite(one.sigmas) and not one.rejected]
-    return float(np.median(sigmas)) if sigmas else 1.0
+    return median(sigmas) if sigmas else 1.0
 
 
 def out_of_step(rig: Rig) -> float:

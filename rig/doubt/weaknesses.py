@@ -180,7 +180,7 @@ def coverage(rig: Rig) -> dict[str, float]:
     for camera in rig.cameras:
         size = np.array([camera.intrinsics.width, camera.intrinsics.height])
         field = np.clip(np.concatenate(pixels[camera.name]) / size * _GRID, 0, _GRID - 1).astype(int)
-        shares[camera.name] = len(np.unique(field @ np.array([1, _GRID]))) / _GRID**2
+        shares[camera.name] = float((np.bincount(field @ np.array([1, _GRID])) > 0).sum()) / _GRID**2
     return shares
 
 
