@@ -210,14 +210,14 @@ def solve_bordered(
 
     border, reduced: of that adjustment; unit_covariance (E M, E M): without the errors.
     """
-    from scipy.linalg import solve_triangular
+    from scipy.linalg.lapack import dtrtri
 
     ties = border.all_units
     through = unit_covariance @ ties
     data = border.all_information - ties.T @ through
     information = data + errors.information
     lower = np.linalg.cholesky((information + information.T) / 2)
-    root = solve_triangular(lower, np.eye(len(values)), lower=True).T
+    root = dtrtri(lower, lower=1)[0].T
     gradient = np.where(reduced.free, reduced.gradient, 0.0).ravel()
     pulled = border.gradient.sum(axis=0) - errors.information @ values - through.T @ gradient
     step = root @ (root.T @ pulled)

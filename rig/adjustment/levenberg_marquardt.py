@@ -91,6 +91,10 @@ class Adjustment:
         """The state after steps of the units (E, M) and the nodes (N, 6); slack follows them."""
         return _stepped(observations, self, steps, poses)
 
+    def lens_steps(self, steps: Floats) -> Floats:
+        """The steps (C, 9) of the lenses, of those of the units (E, M)."""
+        return _lens_steps(self, steps)
+
 
 def adjust(
     observations: Observations,
@@ -172,8 +176,7 @@ def _ended(here: _Expansion, costs: Sequence[float]) -> Adjustment:
 
 def _stepped(observations: Observations, here: "Adjustment | _Expansion", steps: Floats, poses: Floats) -> State:
     state, count, cameras = here.state, len(here.columns), len(here.state.lens)
-    lens = np.zeros_like(state.lens)
-    lens[:, here.columns] = steps[:cameras, :count]
+    lens = _lens_steps(here, steps)
     slack = state.slack
     if here.eliminated is not None and slack is not None:
         slack = slack + slack_steps(
@@ -182,6 +185,12 @@ def _stepped(observations: Observations, here: "Adjustment | _Expansion", steps:
     clocks = state.clocks if state.motion is None or state.clocks is None else state.clocks + steps[:cameras, -CLOCK:]
     twists = steps[:, count : count + 6]
     return replace(state.moved(lens, twists[:cameras], poses, twists[cameras:]), slack=slack, clocks=clocks)
+
+
+def _lens_steps(here: "Adjustment | _Expansion", steps: Floats) -> Floats:
+    lens = np.zeros_like(here.state.lens)
+    lens[:, here.columns] = steps[: len(lens), : len(here.columns)]
+    return lens
 
 
 def _linearised(problem: _Adjusted, state: State) -> tuple[Linearised, float]:

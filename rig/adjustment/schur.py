@@ -132,17 +132,21 @@ def block_matrix(blocks: Floats, left: Ints, right: Ints, units: int) -> "Floats
 
 
 def _solve_dense(reduced: Reduced, right: Floats) -> Floats:
-    from scipy.linalg import cho_factor, cho_solve
+    # LAPACK itself: of a small system scipy's wrappers take longer than the work.
+    from scipy.linalg.lapack import dposv
 
-    free = np.flatnonzero(reduced.free)
+    free, solution = np.flatnonzero(reduced.free), np.zeros_like(right)
+    if not len(free):
+        return solution
     matrix = _dense(reduced.blocks, reduced.left, reduced.right, len(reduced.free))
     if len(free) < len(matrix):
         matrix = matrix[np.ix_(free, free)]
     scale = 1 / np.sqrt(np.maximum(np.diagonal(matrix), np.finfo(float).tiny))
-    factor = cho_factor(matrix * scale * scale[:, None], lower=True, check_finite=False)
     of_right = scale if right.ndim == 1 else scale[:, None]
-    solution = np.zeros_like(right)
-    solution[free] = cho_solve(factor, right[free] * of_right, check_finite=False) * of_right
+    _, solved, failed = dposv(matrix * scale * scale[:, None], right[free] * of_right, lower=1)
+    if failed:
+        raise np.linalg.LinAlgError("the reduced system is not positive definite")
+    solution[free] = solved * of_right
     return solution
 
 

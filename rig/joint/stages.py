@@ -65,8 +65,8 @@ _GIVEN_UP = 0.2
 _SETTLED_NOISE = 1e-3
 # Probabilities of classes of lenses that change by less than this move no figure by a hundredth of its sigma.
 _SAME_CLASSES = 0.0005
-# A step of sheets' shapes and tones that lowers chi-square by less moves no figure by a hundredth of its sigma.
-_SAME_ERRORS = 1e-5
+# A step that lowers chi-square by less, the square of a hundredth, moves no figure by a hundredth of its sigma.
+_SAME_ERRORS = 1e-4
 # Where it is expected to lower it by less than that of a sigma, what a fit expects may be learned to the end.
 _SIGMA = 1.0
 # A step that is expected to lower chi-square by less is too short to go wrong: a few sigmas of one number.
@@ -263,7 +263,7 @@ def _least_squares_stage(
             if fit.free.slack is None:
                 expected, end, then = _expecting_alike(problem, expected, end, used)
         state, values = _moved(expected, end, observations, used)
-        then = then or _learned(problem, expected, end, state)
+        then = then or _learned(problem, expected, end, state.lens)
         squares = end.adjustment.linearised.squares
         again = inliers_of(seen, squares, end.adjustment.state, fit.free, then.noise)
         same = again.same_points(inliers)
@@ -334,10 +334,10 @@ class _Expected:
         )
 
 
-def _learned(problem: Problem, before: _Expected, end: "_End", state: State) -> _Expected:
-    """What is to be expected after an end, and the state that its step leads to."""
+def _learned(problem: Problem, before: _Expected, end: "_End", lens: Floats) -> _Expected:
+    """What is to be expected after an end, and the lenses (C, 9) that its step leads to."""
     noise, errors = noise_of(*end.residuals, problem.expected_noise), before.errors
-    priors, free = _weighed(problem, before.priors, before.free, state.lens, end.lens_covariances)
+    priors, free = _weighed(problem, before.priors, before.free, lens, end.lens_covariances)
     if end.bordered.fall < _NEAR:
         errors = errors.with_learned_fields(end.bordered.data_information, end.bordered.data_pull)
     return _Expected(noise, priors, free, errors)
@@ -348,7 +348,7 @@ def _expecting_alike(
 ) -> tuple[_Expected, "_End", _Expected]:
     """The same end as it is once what it expects is nearly what it teaches, and this: of that all changes, and close
     by nothing of what the Views say."""
-    then = _learned(problem, expected, end, end.bordered.part(used, end.adjustment, 1.0)[0])
+    then = _learned(problem, expected, end, end.lens_after)
     for _ in range(_ROUNDS):
         if then.is_like(expected):
             break
@@ -356,7 +356,7 @@ def _expecting_alike(
         border = end.bordered.border.at_noise(expected.noise, then.noise)
         there = Expansion(found, undamped(found, then.free), border)
         expected, end = then, _solved(then, there, end.values, used)
-        then = _learned(problem, expected, end, end.bordered.part(used, end.adjustment, 1.0)[0])
+        then = _learned(problem, expected, end, end.lens_after)
     return expected, end, then
 
 
@@ -375,6 +375,11 @@ class _End:
     bordered: Bordered
     lens_covariances: Floats
     residuals: tuple[float, float]
+
+    @property
+    def lens_after(self) -> Floats:
+        """The lenses (C, 9) that the whole step leads to."""
+        return self.adjustment.state.lens + self.adjustment.lens_steps(self.bordered.unit_steps)
 
 
 def _end(expected: _Expected, values: Floats, used: Observations, state: State, tables: Tables, fold: Ints) -> _End:
