@@ -23,7 +23,7 @@ import pytest
 from quadrig.io import open_recording, write_config
 from quadrig.io.commands.main import COMMANDS, run
 from quadrig.io.demo.rendered_recording import demo_config, write_demo_recording
-from quadrig.io.demo.scene import demo_scene, looking
+from quadrig.io.demo.scene import SceneCamera, demo_scene, looking
 from quadrig.single import (
     Capture,
     Intrinsics,
@@ -31,11 +31,13 @@ from quadrig.single import (
     Rectangle,
     Sheet,
     TagMarking,
+    ray_grid,
     render_image,
 )
 
 ROOT = Path(__file__).resolve().parents[1]
-_FRAMESETS = 6
+# Framesets, and the share of the demo's pixels along a side.
+_FRAMESETS, _SHARE = 6, 0.6
 _CAMERAS = ("cam0", "cam1", "cam2", "cam3")
 
 # Cameras of this machine, of the network and of a cluster are nowhere that tests run: files take their place. Only a
@@ -98,6 +100,7 @@ def arguments(line: str) -> list[str]:
         words += ["--save", "look.rrd"]
     if words[0] == "init":
         # Files have their own names.
+        words = ["look.mcap" if word == "room.mcap" else word for word in words]
         words = [re.sub(r"^\w+=(?=.*\.mp4$)", "", word) for word in words]
     return words
 
@@ -125,6 +128,10 @@ def make_room(folder: Path, court: ModuleType) -> None:
 
 def _make_room(room: Path) -> None:
     scene = demo_scene(_FRAMESETS)
+    # `rig init` makes out the board where it is large, and knows it from two pictures.
+    seen = replace(scene, cameras=scene.cameras[::2], board_poses=scene.board_poses[:2])
+    write_demo_recording(room / "look.mcap", seen, progress=False)
+    scene = replace(scene, cameras=tuple(map(_smaller, scene.cameras)))
     write_demo_recording(room / "room.mcap", scene, progress=False)
     write_config(replace(demo_config(scene), reference=None), room / "rig.toml")
     _make_files(room)
@@ -154,6 +161,16 @@ def _make_room(room: Path) -> None:
     _make_desk(room)
 
 
+def _smaller(camera: SceneCamera) -> SceneCamera:
+    """The same camera with fewer pixels: what is written shall run, and how well is not asked here."""
+    lens = camera.intrinsics
+    width, height = round(_SHARE * lens.width), round(_SHARE * lens.height)
+    middle = _SHARE * (lens.principal_point + 0.5) - 0.5
+    return replace(
+        camera, intrinsics=Intrinsics(width, height, _SHARE * lens.focal, middle, np.array(lens.distortion))
+    )
+
+
 def _make_files(room: Path) -> None:
     """Each camera's pictures as a folder and as a video."""
     for camera in open_recording([room / "room.mcap"]).cameras:
@@ -169,15 +186,16 @@ def _make_files(room: Path) -> None:
 
 def _make_desk(room: Path) -> None:
     """Photographs of an A4 sheet, and of a tag, at an angle."""
-    lens = Intrinsics.centred(1920, 1440, 1500.0)
+    grid = ray_grid(Intrinsics.centred(1280, 960, 1000.0))
     camera_from_world = looking(np.array([0.05, -0.45, 0.5]), np.array([-0.05, 0.45, -0.5])).inverse()
     lying = looking(np.zeros(3), np.array([0.0, 0.0, -1.0]), np.array([0.0, 1.0, 0.0]))
     sheet = Sheet(Rectangle("sheet", 0.297, 0.210, PlainMarking()), lying)
     tag = Sheet(Rectangle("tag", 0.16, 0.16, TagMarking("apriltag_36h11", 7)), lying)
     capture = Capture(blur=0.7, noise=1.0)
-    for name, sheets in (("photo.jpg", [sheet]), ("desk.jpg", [sheet]), ("tag.jpg", [tag]), ("shot.png", [sheet])):
-        picture = render_image(lens, camera_from_world, sheets, background=0.25, capture=capture)
-        cv2.imwrite(str(room / name), picture if name != "shot.png" else cv2.resize(picture, (1280, 720)))
+    for names, shown in ((("photo.jpg", "desk.jpg", "shot.png"), sheet), (("tag.jpg",), tag)):
+        picture = render_image(grid, camera_from_world, [shown], background=0.25, capture=capture)
+        for name in names:
+            cv2.imwrite(str(room / name), picture if name != "shot.png" else cv2.resize(picture, (768, 432)))
 
 
 def _make_court(pitch: Path, court: ModuleType) -> None:
@@ -254,7 +272,7 @@ def _link(source: Path, target: Path) -> None:
         if path.is_dir():
             (target / path.name).mkdir()
             _link(path, target / path.name)
-        elif path.suffix in (".jpg", ".png", ".mp4") or path.resolve().name == "room.mcap":
+        elif path.suffix in (".jpg", ".png", ".mp4") or path.resolve().name in ("room.mcap", "look.mcap"):
             # Recordings keep their place, to which what was found in them belongs.
             (target / path.name).symlink_to(path.resolve())
         else:
