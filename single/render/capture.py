@@ -19,6 +19,8 @@ from quadrig.single.arrays import Floats, Picture, Singles
 _STRIP = 1 << 20
 # Steps within a pixel at which the outlines of shadows and hands are drawn.
 _FINE = 4
+# Blur (px) that is the same on whole pixels to some hundredths of a grey level, and takes a hundredth of the time.
+_WIDE_BLUR = 4.0
 # Linear light of a hand; it darkens towards its outline as round things do.
 _SKIN, _ROUNDING = 0.34, 0.35
 
@@ -177,10 +179,12 @@ def _fine(outline: Sequence[tuple[float, float]]) -> NDArray[np.int32]:
 
 def _gathered(fine: Picture, blur: float) -> Singles:
     """A drawing (h, w) in [0, 1] of one of finer steps, blurred before the pixels gather it."""
-    if blur > 0:
+    wide = blur > _WIDE_BLUR
+    if blur > 0 and not wide:
         fine = np.asarray(cv2.GaussianBlur(fine, (0, 0), blur * _FINE), np.uint8)
     size = (fine.shape[1] // _FINE, fine.shape[0] // _FINE)
-    return cv2.resize(fine, size, interpolation=cv2.INTER_AREA).astype(np.float32) / np.float32(255)
+    gathered = cv2.resize(fine, size, interpolation=cv2.INTER_AREA).astype(np.float32) / np.float32(255)
+    return np.asarray(cv2.GaussianBlur(gathered, (0, 0), blur), np.float32) if wide else gathered
 
 
 def _grain(height: int, width: int, rng: np.random.Generator) -> Singles:
