@@ -25,6 +25,7 @@ from quadrig.single import (
     View,
     board_points,
     detect_views,
+    ray_grid,
     render_image,
 )
 
@@ -66,6 +67,7 @@ def own_detector(picture: Picture) -> View | None:
 def driver(seed: int) -> Iterator[tuple[float, Mapping[str, Picture]]]:
     """A camera driver: for ever the time, s, and a picture (H, W, 3) BGR uint8 of each camera."""
     rng, time = np.random.default_rng(seed), 0.0
+    grids = {name: ray_grid(lens) for name, lens in CAMERAS.items()}
     while True:
         time += 1.0
         left_from_board = Pose.from_vectors(rng.uniform(-0.6, 0.6, 3), np.array([*rng.uniform(-0.12, 0.12, 2), 0.75]))
@@ -73,8 +75,8 @@ def driver(seed: int) -> Iterator[tuple[float, Mapping[str, Picture]]]:
         yield (
             time,
             {
-                name: render_image(lens, CAMERA_FROM_LEFT[name], [sheet], capture=capture, rng=rng)
-                for name, lens in CAMERAS.items()
+                name: render_image(grid, CAMERA_FROM_LEFT[name], [sheet], capture=capture, rng=rng)
+                for name, grid in grids.items()
             },
         )
 

@@ -262,7 +262,7 @@ def _slopes(coefficients: Floats, x: Floats, y: Floats) -> tuple[Floats, Floats,
 def _undistort_radial_tangential(parameters: Floats, distorted: Floats) -> Floats:
     coefficients = _coefficients(parameters)
     # All pixels of a picture are a million: each coordinate is worked on as one piece of memory.
-    aim_x, aim_y = np.ascontiguousarray(distorted[..., 0]), np.ascontiguousarray(distorted[..., 1])
+    aim_x, aim_y = np.array(distorted[..., 0]), np.array(distorted[..., 1])
     x, y = aim_x, aim_y
     for _ in range(_NEWTON_STEPS):
         error_x, error_y = _errors(coefficients, x, y, aim_x, aim_y)
