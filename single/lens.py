@@ -15,6 +15,7 @@ import numpy as np
 from quadrig.single.arrays import Floats
 
 LensModel = Literal["pinhole", "fisheye"]
+_Coefficients = tuple[Floats, ...]
 
 LENS_PARAMETERS = ("focal", "cx", "cy", "k1", "k2", "p1", "p2", "k3", "aspect")
 """Names of the lens parameters in the order of every parameter vector and lens covariance."""
@@ -182,12 +183,12 @@ def _distort_radial_tangential(parameters: Floats, plane: Floats) -> Floats:
     return np.stack(_distorted(_coefficients(parameters), plane[..., 0], plane[..., 1]), axis=-1)
 
 
-def _coefficients(parameters: Floats) -> Floats:
-    """k1, k2, p1, p2, k3 (5, ...), each of which broadcasts against coordinates."""
-    return np.moveaxis(parameters[..., 3:8], -1, 0)
+def _coefficients(parameters: Floats) -> _Coefficients:
+    """k1, k2, p1, p2, k3, each of which broadcasts against coordinates."""
+    return tuple(parameters[..., place] for place in range(3, 8))
 
 
-def _distorted(coefficients: Floats, x: Floats, y: Floats) -> tuple[Floats, Floats]:
+def _distorted(coefficients: _Coefficients, x: Floats, y: Floats) -> tuple[Floats, Floats]:
     """Where the lens takes a point of the plane."""
     k1, k2, p1, p2, k3 = coefficients
     square = x * x + y * y
@@ -246,7 +247,7 @@ def _fill_radial_tangential(
     return distorted_x, distorted_y
 
 
-def _slopes(coefficients: Floats, x: Floats, y: Floats) -> tuple[Floats, Floats, Floats]:
+def _slopes(coefficients: _Coefficients, x: Floats, y: Floats) -> tuple[Floats, Floats, Floats]:
     """Derivatives of `_distorted`: of x by x, of y by y, and of either by the other."""
     k1, k2, p1, p2, k3 = coefficients
     square = x * x + y * y
@@ -280,7 +281,7 @@ def _undistort_radial_tangential(parameters: Floats, distorted: Floats) -> Float
     return np.where(found[..., None], np.stack([x, y], axis=-1), np.nan)
 
 
-def _errors(coefficients: Floats, x: Floats, y: Floats, aim_x: Floats, aim_y: Floats) -> tuple[Floats, Floats]:
+def _errors(coefficients: _Coefficients, x: Floats, y: Floats, aim_x: Floats, aim_y: Floats) -> tuple[Floats, Floats]:
     distorted_x, distorted_y = _distorted(coefficients, x, y)
     return distorted_x - aim_x, distorted_y - aim_y
 
