@@ -30,6 +30,8 @@ DISTORTION_NAMES: dict[LensModel, tuple[str, ...]] = {
 # twice what a lens of any use needs; a pixel that is not back to 1e-9 by then has no ray in front of the lens.
 _NEWTON_STEPS = 20
 _NEWTON_TOLERANCE = 1e-9
+# Pixels of one lens that are worked on together: they fit a processor's cache.
+_AT_ONCE = 1 << 14
 # Where all are this near they are as near as rounding lets them come.
 _CONVERGED = 1e-4 * _NEWTON_TOLERANCE
 
@@ -157,6 +159,14 @@ def fill_projection_rows(
 def unproject(parameters: Floats, pixels: Floats, model: LensModel = "pinhole") -> Floats:
     """Unit rays (..., 3) of pixels (..., 2) by Newton's method; nan where no ray leads to the pixel."""
     parameters, pixels = np.asarray(parameters, float), np.asarray(pixels, float)
+    if parameters.ndim == 1 and pixels.size > 2 * _AT_ONCE:
+        flat = pixels.reshape(-1, 2)
+        parts = [_unproject(parameters, flat[k : k + _AT_ONCE], model) for k in range(0, len(flat), _AT_ONCE)]
+        return np.concatenate(parts).reshape(*pixels.shape[:-1], 3)
+    return _unproject(parameters, pixels, model)
+
+
+def _unproject(parameters: Floats, pixels: Floats, model: LensModel) -> Floats:
     focal, aspect = parameters[..., 0], parameters[..., 8]
     distorted = (pixels - parameters[..., 1:3]) / np.stack([focal, focal * aspect], axis=-1)
     with np.errstate(all="ignore"):
@@ -262,7 +272,7 @@ def _slopes(coefficients: _Coefficients, x: Floats, y: Floats) -> tuple[Floats, 
 
 def _undistort_radial_tangential(parameters: Floats, distorted: Floats) -> Floats:
     coefficients = _coefficients(parameters)
-    # All pixels of a picture are a million: each coordinate is worked on as one piece of memory.
+    # Of the pixels of a picture each coordinate is worked on as one piece of memory.
     aim_x, aim_y = np.array(distorted[..., 0]), np.array(distorted[..., 1])
     x, y = aim_x, aim_y
     for _ in range(_NEWTON_STEPS):

@@ -25,8 +25,6 @@ _INK, _WHITE = 0.05, 0.82
 _THICKNESS = 2e-3
 # Step (px) of the coarse search for the part of the image that a sheet covers.
 _STRIDE = 4
-# Rows of the picture whose rays are computed at once: they fit a processor's cache.
-_ROWS = 16
 # Sharpest texture kept (texels per metre) and largest (texels a side), which bound memory, not accuracy: a sheet
 # that needs more fills the picture with one cell.
 _DENSEST, _LARGEST = 40_000.0, 6_000
@@ -73,11 +71,8 @@ class RayGrid:
 
 def ray_grid(intrinsics: Intrinsics) -> RayGrid:
     """The rays of all pixels; costs half a second for a distorted lens, so keep it for all pictures of a camera."""
-    rays = np.empty((intrinsics.height, intrinsics.width, 3), np.float32)
-    for top in range(0, intrinsics.height, _ROWS):
-        part = rays[top : top + _ROWS]
-        y, x = np.indices(part.shape[:2], float)
-        part[:] = intrinsics.unproject(np.stack([x, y + top], axis=-1))
+    y, x = np.indices((intrinsics.height, intrinsics.width), float)
+    rays = intrinsics.unproject(np.stack([x, y], axis=-1)).astype(np.float32)
     return RayGrid(intrinsics, rays)
 
 

@@ -15,7 +15,7 @@ from quadrig.io.recording.recorded_cameras import open_recording
 from quadrig.io.rig_file.rig_mcap import read_rig_file
 
 RIG = Path(sys.executable).with_name("rig")
-FRAMESETS = 8
+FRAMESETS = 6
 
 
 @pytest.fixture(scope="module")

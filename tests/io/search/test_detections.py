@@ -346,7 +346,7 @@ def test_what_was_found_is_kept_however_the_search_ends_and_no_worker_stays(tmp_
     script.write_text(SCRIPT)
     (tmp_path / "rig.toml").write_text(BOARD)
     # Noise costs a chessboard's search the most: three thousand times are minutes of work on any machine.
-    noise = np.random.default_rng(1).integers(0, 255, (480, 640), dtype=np.uint8)
+    noise = np.random.default_rng(1).integers(0, 255, (240, 320), dtype=np.uint8)
     cv2.imwrite(str(folder / "0000.pgm"), noise)
     for k in range(1, 3000):
         os.link(folder / "0000.pgm", folder / f"{k:04}.pgm")
