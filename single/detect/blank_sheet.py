@@ -8,7 +8,7 @@ import numpy as np
 from quadrig.single.arrays import Floats, Picture
 from quadrig.single.detect.sheet_outlines import SEARCH_SIDE, sheet_outlines
 from quadrig.single.subpixel.side_fit import Sides, fit_sides
-from quadrig.single.subpixel.tone import USUAL_TONE, LightImage
+from quadrig.single.subpixel.tone import USUAL_TONE, LightImage, Tone
 
 # Grey levels from sheet to ground.
 _LEAST_CONTRAST = 6.0
@@ -34,10 +34,14 @@ _BARE = 7
 _BETTER_SEEN, _LESS_EVEN = 0.1, 1.5
 # A second sheet of this share of the first one's area makes the choice a guess.
 _RIVAL = 0.4
-# Standard deviation of log gamma that the profile of an edge of 1 px of blur cannot take away: a curve that is an S
-# looks to it much like a power, and moves the edge by more. It grows as blur falls, down to some, for a sharp edge
-# shows less of its profile: film leaves 0.33, 0.25 and 0.15 at blurs of 0.5, 1 and 2 px.
+# Standard deviation of log gamma that the profile of an edge of 1 px of blur cannot take away where it is asked for a
+# power alone: a curve that is an S looks to it much like one, and moves the edge by more. It grows as blur falls,
+# down to some, for a sharp edge shows less of its profile: film leaves 0.33 and 0.25 at blurs of 0.5 and 1 px.
 _CURVE_SIGMA, _SHARP = 0.22, 0.4
+# px of blur from which an edge is asked for the S, too, and what is then left: sigmoids and Reinhard's curve are none
+# of these. JPEG changes the profile of a sharper edge by more than an S does: its S is 0.5 off at a blur of 0.5, 0.3
+# at 1, and 0.1 at 2 px.
+_SMOOTH, _CURVE_BESIDE_S = 1.5, 0.07
 # px for each px of blur by which a corner may be off where white is cut off and nothing says by how much (twice the
 # light that white needs: the middle of what is left of the step is so far beside the edge), and on light ground.
 _CUT_OFF, _WASHED_OUT = 1.2, 2.0
@@ -76,13 +80,14 @@ def _fit(grey: Picture, quad: Floats, middle: Floats) -> FoundSheet | None:
     coarse = max(1.0, max(grey.shape) / SEARCH_SIDE)
     for wide in (_WIDE * coarse, _CLOSE, _CLOSE):
         reach = float(min(max(wide, 3 * blur), 0.2 * span))
-        sides = fit_sides(LightImage(grey, tone), corners, bow, reach, blur, middle, ground)
+        asked = 2 if blur > _SMOOTH else 1
+        sides = fit_sides(LightImage(grey, tone), corners, bow, reach, blur, middle, ground, asked)
         if not _shows_four(sides):
             return None
         outline, ground = sides.outline, sides.ground
         blur = float(np.median(outline.fit.blur))
         better = tone.updated(outline.pull[0], outline.weight[0])
-        corners = outline.corners[0] + outline.by_gamma[0] * np.log(better.gamma / tone.gamma)
+        corners = outline.corners[0] + np.tensordot(better.beyond(tone, asked), outline.by_tone[0], 1)
         tone, bow = better, sides.coefficients * [[0, 0, 1, 1]]
         bow[:, 0], bow[:, 1] = -bow[:, 2], -bow[:, 3]
         if not np.isfinite(corners).all() or np.abs(corners - quad).max() > 0.1 * span + 4 * coarse:
@@ -98,13 +103,24 @@ def _fit(grey: Picture, quad: Floats, middle: Floats) -> FoundSheet | None:
         return None
     if outline.sigma.max() > _WORST_SIGMA:
         return None
-    common = tone.doubted(_CURVE_SIGMA / max(blur, _SHARP)).sigma * outline.by_gamma[0]
+    curve = _CURVE_SIGMA if asked == 1 else _CURVE_BESIDE_S
+    common = _common(tone.doubted(curve / max(blur, _SHARP)), outline.by_tone[0])
     if outline.fit.clipped.any():
         most = (_WASHED_OUT if outline.fit.washed_out.any() else _CUT_OFF) * blur
         common *= max(1.0, most / max(float(np.linalg.norm(common, axis=1).mean()), 1e-6))
     sigma = np.hypot(outline.sigma[0], _MODEL_SIGMA)
     base, far = _far_corner(sides, sigma, common)
     return FoundSheet(corners, base, far, contrast, float(sides.seen.mean()), uneven)
+
+
+def _common(tone: Tone, by_tone: Floats) -> Floats:
+    """The error (4, 2) px that all corners share by what is left unknown of the tone: its unknowns move an outline
+    nearly alike, so that the largest principal part is all but the whole. by_tone (D, 4, 2) px. Of gamma's sense, as
+    other Views of the camera have it."""
+    root = np.linalg.cholesky(tone.covariance[: len(by_tone), : len(by_tone)])
+    by_each = by_tone.reshape(len(by_tone), -1)
+    _, most, along = np.linalg.svd(root.T @ by_each, full_matrices=False)
+    return (most[0] * np.sign(along[0] @ by_each[0]) * along[0]).reshape(4, 2)
 
 
 def _far_corner(sides: Sides, sigma: Floats, common: Floats) -> tuple[float, Floats]:

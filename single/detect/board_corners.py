@@ -61,7 +61,7 @@ def alike_corners(fit: CornerFit) -> Mask:
 
 def better_tone(fit: CornerFit, sure: Mask) -> Tone | None:
     """The tone by the corners that are sure, fitted in the usual one; None where the usual one will do."""
-    tone = USUAL_TONE.updated(float(fit.pull[sure].sum()), float(fit.weight[sure].sum()))
+    tone = USUAL_TONE.updated(fit.pull[sure].sum(axis=0), fit.weight[sure].sum(axis=0))
     return tone if abs(np.log(tone.gamma / USUAL_TONE.gamma)) > _TONE_MATTERS else None
 
 

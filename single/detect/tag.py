@@ -192,7 +192,7 @@ def toned_corners(grey: Picture, outlines: TagOutlines, cells: Mask) -> tuple[Fl
     sure, tone = outlines.sure, USUAL_TONE
     if sure.any():
         tone = tone_from_tags(grey, outlines.corners[sure], outlines.blur[sure], cells[sure].astype(float), tone)
-    moved = outlines.by_gamma * np.log(tone.gamma / USUAL_TONE.gamma)
+    moved = outlines.by_gamma * tone.beyond(USUAL_TONE, 1)
     doubt = np.where(outlines.clipped, tone.doubted(_CLIPPED_SIGMA).sigma, tone.sigma)
     return outlines.corners + moved, doubt[:, None, None] * outlines.by_gamma
 
@@ -210,7 +210,7 @@ def refine_tags(grey: Picture, rough: Floats, cells: int, still: bool = False) -
     groups = [np.flatnonzero(levels == 0), *np.flatnonzero(levels > 0)[:, None]]
     for group in (g for g in groups if len(g)):
         outline = _fit_from_level(grey, rough[group], cells, int(levels[group[0]]), still)
-        corners[group], by_gamma[group], sigma[group] = outline.corners, outline.by_gamma, outline.sigma
+        corners[group], by_gamma[group], sigma[group] = outline.corners, outline.by_tone[:, 0], outline.sigma
         fit, own_blur = outline.fit, outline.fit.blur.reshape(-1, 4)
         blur[group] = own_blur.mean(axis=1)
         clipped[group] = fit.clipped.reshape(-1, 4).any(axis=1)
@@ -277,8 +277,8 @@ def _fit_from_level(grey: Picture, rough: Floats, cells: int, top: int, still: b
         outline = _fit_level(reduced(crop, 1 / scale), 2 * outline.corners + 0.5, cells, bow, blur)
     fit = replace(outline.fit, blur=outline.fit.blur * scale)
     corners = (outline.corners + 0.5) * scale - 0.5 + origin
-    sigma, by_gamma = outline.sigma * scale, outline.by_gamma * scale
-    return replace(outline, corners=corners, sigma=sigma, by_gamma=by_gamma, fit=fit)
+    sigma, by_tone = outline.sigma * scale, outline.by_tone * scale
+    return replace(outline, corners=corners, sigma=sigma, by_tone=by_tone, fit=fit)
 
 
 def _fit_level(image: Picture, corners: Floats, cells: int, bow: Floats | None, blur: Floats | None) -> Outline:

@@ -19,7 +19,7 @@ from quadrig.single.subpixel.blurred_step import (
     variance_of_sides,
     weighted_mean,
 )
-from quadrig.single.subpixel.tone import LightImage, Tone, gamma_evidence
+from quadrig.single.subpixel.tone import LightImage, Tone, tone_evidence
 
 # px, and blurs, that stay clear between what is used around a corner and print beyond; px beside its lines that are
 # used all the same.
@@ -31,7 +31,7 @@ SHARP = _LEAST_CLEAR / _CLEAR_OF_BLUR
 @dataclass(frozen=True, eq=False)
 class CornerFit:
     """Board corners: pixels (N, 2), sigma (N,) px a coordinate; noise and contrast (N,) in light, grey_contrast (N,)
-    in grey levels; blur (N,) px; pull, weight (N,): what each says of the tone, see gamma_evidence."""
+    in grey levels; blur (N,) px; pull (N, 1), weight (N, 1, 1): what each says of gamma, see Evidence."""
 
     pixels: Floats
     sigma: Floats
@@ -96,7 +96,7 @@ def _corner_iterations(
     )
     noise = np.full(count, 4.0)
     inverse = np.zeros((count, 9, 9))
-    pull_on, weight_on, excess = np.zeros(count), np.zeros(count), np.ones(count)
+    pull_on, weight_on, excess = np.zeros((count, 1)), np.zeros((count, 1, 1)), np.ones(count)
     active = np.arange(count)
     for iteration in range(ITERATIONS):
         now, w = parameters[active], weight[active]
@@ -125,7 +125,7 @@ def _corner_iterations(
             continue
         done, active = active[rest], active[~rest]
         jacobian, residual, w = jacobian[rest], residual[rest], w[rest]
-        evidence = gamma_evidence(model[rest], residual, jacobian, w, inverse[done])
+        evidence = tone_evidence(tone.changes(model[rest], 1), residual, jacobian, w, inverse[done])
         pull_on[done], weight_on[done] = evidence.pull, evidence.weight
         excess[done] = place_excess(jacobian, w * residual, inverse[done], slice(0, 2))
         if not len(active):

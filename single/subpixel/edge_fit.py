@@ -23,7 +23,7 @@ from quadrig.single.subpixel.blurred_step import (
     variance_of_sides,
     weighted_mean,
 )
-from quadrig.single.subpixel.tone import LightImage, Tone, gamma_evidence
+from quadrig.single.subpixel.tone import LightImage, Tone, tone_evidence
 
 # Bow (px over half a side of 50 px) that a strong wide-angle lens gives a straight edge; it grows with the square.
 _BOW = 0.5
@@ -41,9 +41,9 @@ class EdgeFit:
     """Sides of outlines: offset c0 + c1 u + c2 u^2 + c3 u^3 (px, along the normal), u in [-1, 1] from start to end.
 
     coefficients (N, 4), covariance (N, 4, 4); noise (N,), dark (N,) of the inner side and contrast (N,) from inside
-    to outside in light as the tone reads it; blur (N,) px. by_gamma (N, 4): how the coefficients change with the
-    logarithm of the tone's gamma; pull, weight, pull_excess (N,): what each edge says of that, see Evidence; excess
-    (N,): by how much its covariance is too small, see place_excess.
+    to outside in light as the tone reads it; blur (N,) px. by_tone (N, D, 4): how the coefficients change with the D
+    unknowns of the tone; pull (N, D), weight (N, D, D), pull_excess (N,): what each edge says of them, see Evidence;
+    excess (N,): by how much its covariance is too small, see place_excess.
     """
 
     coefficients: Floats
@@ -52,7 +52,7 @@ class EdgeFit:
     dark: Floats
     contrast: Floats
     blur: Floats
-    by_gamma: Floats
+    by_tone: Floats
     pull: Floats
     weight: Floats
     pull_excess: Floats
@@ -81,13 +81,13 @@ class EdgeFit:
 
 @dataclass(frozen=True, eq=False)
 class Outline:
-    """Quadrilaterals: corners (N, 4, 2) px, sigma (N, 4) px a coordinate, by_gamma (N, 4, 2): how the corners move
-    with the logarithm of the tone's gamma, pull, weight (N,): what they say of that, see Evidence, fit: of all sides
-    (4 N in order)."""
+    """Quadrilaterals: corners (N, 4, 2) px, sigma (N, 4) px a coordinate, by_tone (N, D, 4, 2): how the corners
+    move with the D unknowns of the tone, pull (N, D), weight (N, D, D): what they say of them, see Evidence, fit: of
+    all sides (4 N in order)."""
 
     corners: Floats
     sigma: Floats
-    by_gamma: Floats
+    by_tone: Floats
     pull: Floats
     weight: Floats
     fit: EdgeFit
@@ -98,12 +98,13 @@ class EdgeOptions:
     """most: lines of pixels across an edge that are looked at; more show little more of a straight edge. ground:
     standard deviation of how the light outside changes from px to px away from the edge, as share of the contrast;
     paper's does not, a table's does. blur (N,): px, where an earlier fit found the edge to a fraction of them; rough:
-    a tenth of a pixel is enough."""
+    a tenth of a pixel is enough. tone_unknowns: D, how many of the tone's the edges are asked for."""
 
     most: int = 96
     ground: float = 0.0
     blur: Floats | None = None
     rough: bool = False
+    tone_unknowns: int = 1
 
 
 _USUAL = EdgeOptions()
@@ -199,7 +200,9 @@ def _edge_iterations(
     noise = np.full(count, 4.0)
     bow = _BOW * (bands.length / 100) ** 2
     inverse = np.zeros((count, unknowns, unknowns))
-    by_gamma, said = np.zeros((count, unknowns)), np.zeros((4, count))
+    asked = options.tone_unknowns
+    by_tone, excess = np.zeros((count, unknowns, asked)), np.zeros((2, count))
+    tone_pull, tone_weight = np.zeros((count, asked)), np.zeros((count, asked, asked))
     active = np.arange(count)
     for iteration in range(ITERATIONS):
         now, w = parameters[active], weight[active]
@@ -227,9 +230,9 @@ def _edge_iterations(
             continue
         done, active = active[rest], active[~rest]
         jacobian, residual, w = jacobian[rest], residual[rest], w[rest]
-        evidence = gamma_evidence(model[rest], residual, jacobian, w, inverse[done])
-        by_gamma[done], excess = evidence.follow, place_excess(jacobian, w * residual, inverse[done], _PLACE)
-        said[:, done] = evidence.pull, evidence.weight, evidence.excess, excess
+        evidence = tone_evidence(tone.changes(model[rest], asked), residual, jacobian, w, inverse[done])
+        by_tone[done], tone_pull[done], tone_weight[done] = evidence.follow, evidence.pull, evidence.weight
+        excess[:, done] = evidence.excess, place_excess(jacobian, w * residual, inverse[done], _PLACE)
         if not len(active):
             break
     dark, contrast, blur = parameters[:, 0], parameters[:, 2], np.exp(parameters[:, 4])
@@ -240,11 +243,11 @@ def _edge_iterations(
         dark,
         contrast,
         blur,
-        by_gamma[:, _PLACE],
-        said[0],
-        said[1],
-        said[2],
-        said[3],
+        np.swapaxes(by_tone[:, _PLACE], 1, 2),
+        tone_pull,
+        tone_weight,
+        excess[0],
+        excess[1],
         tone,
     )
 
@@ -324,10 +327,11 @@ def meet(corners: Floats, fit: EdgeFit) -> Outline:
     variances = np.sum((covariance @ powers[..., None])[..., 0] * powers, axis=-1)
     excess, doubt = (np.maximum(one.reshape(count, 4).mean(axis=1), 1) for one in (fit.excess, fit.pull_excess))
     variance = excess[:, None] * np.sum(inverse**2 * variances[..., None, :], axis=(-1, -2)) / 2
-    by_gamma = np.sum(fit.by_gamma.reshape(count, 4, 4)[:, both] * powers, axis=-1)
-    by_gamma = (inverse @ by_gamma[..., None])[..., 0]
-    pull, weight = (one.reshape(count, 4).sum(axis=1) / doubt for one in (fit.pull, fit.weight))
-    return Outline(points, np.sqrt(np.maximum(variance, 0)), by_gamma, pull, weight, fit)
+    by_tone = np.moveaxis(fit.by_tone.reshape(count, 4, -1, 4), 2, 1)[:, :, both]
+    by_tone = (inverse[:, None] @ np.sum(by_tone * powers[:, None], axis=-1)[..., None])[..., 0]
+    pull, weight = (np.sum(one.reshape(count, 4, *one.shape[1:]), axis=1) for one in (fit.pull, fit.weight))
+    pull, weight = pull / doubt[:, None], weight / doubt[:, None, None]
+    return Outline(points, np.sqrt(np.maximum(variance, 0)), by_tone, pull, weight, fit)
 
 
 def _inverse(rows: Floats) -> Floats:

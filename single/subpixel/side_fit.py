@@ -74,12 +74,20 @@ class Sides:
 
 
 def fit_sides(
-    image: LightImage, corners: Floats, bow: Floats, reach: float, blur: float, middle: Floats, ground: float
+    image: LightImage,
+    corners: Floats,
+    bow: Floats,
+    reach: float,
+    blur: float,
+    middle: Floats,
+    ground: float,
+    tone_unknowns: int = 1,
 ) -> Sides:
     """Fit the sides near those between corners (4, 2) px with coefficients (4, 4) of an earlier fit.
 
     reach: px to either side that belong to an edge alone. blur: px, as far as known. middle (2,) px: of the whole
-    picture, from which a lens bends lines. ground: how uneven what it lies on is, see Sides.
+    picture, from which a lens bends lines. ground: how uneven what it lies on is, see Sides. tone_unknowns:
+    see EdgeOptions.
     """
     frame = _Frame.of(corners)
     count = int(np.clip(frame.half.min() * 2 / _SHORTEST, 4, _PIECES))
@@ -89,7 +97,7 @@ def fit_sides(
     # Beyond a corner, too, inside is where the side has it.
     inside = (start + end) / 2 - np.repeat(frame.normal, places.shape[1] - 1, axis=0) * reach
     reaches, margins = np.full(len(start), reach), np.zeros(len(start))
-    options = EdgeOptions(_LINES, _ACROSS * ground)
+    options = EdgeOptions(_LINES, _ACROSS * ground, tone_unknowns=tone_unknowns)
     fit = fit_edges(image, start, end, inside, reaches, margins, options=options)
     pieces = _Pieces.of(frame, fit, start, end)
     own = np.arange(count) + _BEYOND + 1
@@ -141,13 +149,12 @@ def _places(half: Floats, count: int, blur: float) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class _Pieces:
-    """Of each side (4, P): u, offset px, its variance, by_gamma px, light inside and outside, grey contrast, noise
-    over contrast; step: logarithm of the light outside over that inside."""
+    """Of each side (4, P): u, offset px, its variance, light inside and outside, grey contrast, noise over contrast;
+    step: logarithm of the light outside over that inside."""
 
     u: Floats
     offset: Floats
     variance: Floats
-    by_gamma: Floats
     inner: Floats
     outer: Floats
     contrast: Floats
@@ -166,7 +173,6 @@ class _Pieces:
             np.sum(shift * frame.tangent[:, None], axis=-1) / frame.half[:, None],
             np.sum(shift * frame.normal[:, None], axis=-1),
             fit.covariance[:, 0, 0],
-            fit.by_gamma[:, 0],
             light[0],
             light[1],
             fit.grey_contrast,
@@ -275,16 +281,21 @@ def _joined(
     """All four sides by least squares: their lines are each one's own, their bows hang together."""
     coefficients, inverse = _solved(pieces, seen, prior, uneven)
     # A tone moves all of a side alike; what its pieces differ by in that is their noise.
-    by_gamma = np.outer(_typical(pieces.by_gamma, seen), [1, 0, 0, 0])
+    moved = [_typical(fit.by_tone[:, k, 0].reshape(seen.shape), seen) for k in range(fit.pull.shape[1])]
+    by_tone = np.stack(moved, axis=1)[..., None] * [1, 0, 0, 0]
     step = _typical(pieces.step, seen)
     left = pieces.offset - np.sum(coefficients[:, None] * pieces.u[..., None] ** np.arange(4), axis=-1)
     same = pieces.step * np.sign(step)[:, None] > _SAME_STEP * np.abs(step)[:, None]
     on = same & (np.abs(left) < _SAME_LINE) & (pieces.unexplained < _CLEAR)
     goes_on = on[:, :_BEYOND].all(axis=1) | on[:, -_BEYOND:].all(axis=1)
-    pull, weight, excess = (part.reshape(seen.shape) for part in (fit.pull, fit.weight, fit.pull_excess))
-    pull, weight = (np.where(seen, part, 0).sum(axis=1) for part in (pull, weight))
+    pull, weight, excess = (
+        part.reshape(*seen.shape, *part.shape[1:]) for part in (fit.pull, fit.weight, fit.pull_excess)
+    )
+    pull, weight = (
+        np.stack([one[mask].sum(axis=0) for one, mask in zip(part, seen, strict=True)]) for part in (pull, weight)
+    )
     doubt = max(float(np.median(excess[seen])) if seen.any() else 1.0, _disagreement(pull, weight))
-    doubt += float(weight.sum()) * (_TONE_OF_GROUND * uneven) ** 2
+    doubt += float(weight[:, 0, 0].sum()) * (_TONE_OF_GROUND * uneven) ** 2
     noise, dark, contrast, blur = (
         _typical(part.reshape(seen.shape), seen) for part in (fit.noise, fit.dark, fit.contrast, fit.blur)
     )
@@ -296,7 +307,7 @@ def _joined(
         dark,
         contrast,
         blur,
-        by_gamma,
+        by_tone,
         pull,
         weight,
         np.full(4, doubt),
@@ -326,10 +337,12 @@ def _typical(part: Floats, seen: Mask) -> Floats:
 
 
 def _disagreement(pull: Floats, weight: Floats) -> float:
-    """Variance of what the sides (4,) say of the tone over that which they claim: a ground looks like a tone."""
-    total = max(float(weight.sum()), 1e-9)
-    apart = pull - weight * (float(pull.sum()) / total)
-    return float(np.sum(apart**2)) / total * 4 / 3
+    """Variance of what the sides (4, D), (4, D, D) say of the tone over that which they claim: a ground looks like a
+    tone."""
+    unknowns = pull.shape[1]
+    inverse = np.linalg.inv(weight.sum(axis=0) + 1e-9 * np.eye(unknowns))
+    apart = pull - weight @ (inverse @ pull.sum(axis=0))
+    return float(np.sum((apart @ inverse) * apart)) / unknowns * 4 / 3
 
 
 def _ground(powers: Floats, variance: Floats, offset: Floats, prior: Floats) -> Floats:

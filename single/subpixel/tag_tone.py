@@ -12,7 +12,7 @@ import numpy as np
 from quadrig.single.arrays import Floats, Ints, Mask, Picture, Reals, Singles
 from quadrig.single.subpixel.blurred_step import LEAST_NOISE, damped_step, soft_step, variance_of_sides
 from quadrig.single.subpixel.local_homography import local_homographies, mapped
-from quadrig.single.subpixel.tone import Evidence, Tone, gamma_evidence
+from quadrig.single.subpixel.tone import Evidence, Tone, tone_evidence
 
 # Places beside the edges of bits that are looked at, in so many tags at most: more give gamma better than powers fit.
 _PLACES, _TAGS = 720, 6
@@ -104,14 +104,14 @@ class _Fit:
         pull = -parameters
         pull[:, 18] += self.log_blur
         step, inverse = damped_step(jacobian, residual, weight, prior, pull)
-        evidence = gamma_evidence(model, residual, jacobian, weight, inverse)
+        evidence = tone_evidence(tone.changes(model, 1), residual, jacobian, weight, inverse)
         explained = np.sqrt(variance.mean(axis=1)) < _UNEXPLAINED * contrast
         after = _updated(tone, evidence, explained) if close else tone
         if not close:
             # Edges are felt from afar as soft as they were taken to be.
             step[:, 18] = 0
         parameters = parameters + step
-        follow = evidence.follow * np.log(after.gamma / tone.gamma)
+        follow = evidence.follow @ after.beyond(tone, 1)
         return _read_anew(parameters, follow, tone, after), after
 
 
@@ -210,5 +210,4 @@ def _model(parameters: Floats, seen: _Inside, corner_of: Singles) -> tuple[Singl
 
 def _updated(tone: Tone, evidence: Evidence, explained: Mask) -> Tone:
     """The tone after the evidence of the tags that are what they are taken for."""
-    pull, weight = float(evidence.pull[explained].sum()), float(evidence.weight[explained].sum())
-    return tone.updated(pull, weight)
+    return tone.updated(evidence.pull[explained].sum(axis=0), evidence.weight[explained].sum(axis=0))
