@@ -179,8 +179,13 @@ class Bordered:
     def joint_covariance(self, unit_covariance: Floats) -> Floats:
         """The covariance (E M + U, E M + U) of cameras and errors together, from that of the cameras without
         errors."""
-        across = self.by_unit @ self.root.T
-        return np.block([[self.with_errors(unit_covariance), across], [across.T, self.covariance]])
+        first = len(unit_covariance)
+        result = np.empty((first + len(self.values),) * 2)
+        np.matmul(self.by_unit, self.by_unit.T, out=result[:first, :first])
+        result[:first, :first] += unit_covariance
+        np.matmul(self.by_unit, self.root.T, out=result[:first, first:])
+        result[first:, :first], result[first:, first:] = result[:first, first:].T, self.covariance
+        return result
 
     def lens_covariances(self, found: Adjustment, unit_covariance: Floats) -> Floats:
         """(C, 9, 9) of each camera's lens with the errors' doubt, from the covariance of the cameras without."""
@@ -210,14 +215,15 @@ def solve_bordered(
 
     border, reduced: of that adjustment; unit_covariance (E M, E M): without the errors.
     """
-    from scipy.linalg.lapack import dtrtri
+    from scipy.linalg import get_lapack_funcs
 
     ties = border.all_units
     through = unit_covariance @ ties
     data = border.all_information - ties.T @ through
     information = data + errors.information
     lower = np.linalg.cholesky((information + information.T) / 2)
-    root = dtrtri(lower, lower=1)[0].T
+    (inverted,) = get_lapack_funcs(("trtri",), (lower,))
+    root = inverted(lower, lower=1)[0].T
     gradient = np.where(reduced.free, reduced.gradient, 0.0).ravel()
     pulled = border.gradient.sum(axis=0) - errors.information @ values - through.T @ gradient
     step = root @ (root.T @ pulled)
@@ -438,6 +444,15 @@ def _fill_error_rows(rows: Floats, moves: Moves, rotation: Floats) -> None:
 def dense(matrix: Matrix) -> Floats:
     """The matrix with all its zeros."""
     return matrix if isinstance(matrix, np.ndarray) else matrix.toarray()
+
+
+def bordered_matrix(inner: Matrix, ties: Matrix, outer: Matrix) -> Matrix:
+    """The symmetric matrix of two kinds of unknowns (A, A), (B, B) and their ties (A, B); sparse where one is."""
+    if isinstance(inner, np.ndarray) and isinstance(ties, np.ndarray) and isinstance(outer, np.ndarray):
+        return np.block([[inner, ties], [ties.T, outer]])
+    from scipy.sparse import block_array, csr_array
+
+    return csr_array(block_array([[csr_array(each) for each in row] for row in ([inner, ties], [ties.T, outer])]))
 
 
 def _total(parts: Sequence[Matrix]) -> Matrix:

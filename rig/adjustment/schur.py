@@ -133,7 +133,7 @@ def block_matrix(blocks: Floats, left: Ints, right: Ints, units: int) -> "Floats
 
 def _solve_dense(reduced: Reduced, right: Floats) -> Floats:
     # LAPACK itself: of a small system scipy's wrappers take longer than the work.
-    from scipy.linalg.lapack import dposv
+    from scipy.linalg import get_lapack_funcs
 
     free, solution = np.flatnonzero(reduced.free), np.zeros_like(right)
     if not len(free):
@@ -143,7 +143,8 @@ def _solve_dense(reduced: Reduced, right: Floats) -> Floats:
         matrix = matrix[np.ix_(free, free)]
     scale = 1 / np.sqrt(np.maximum(np.diagonal(matrix), np.finfo(float).tiny))
     of_right = scale if right.ndim == 1 else scale[:, None]
-    _, solved, failed = dposv(matrix * scale * scale[:, None], right[free] * of_right, lower=1)
+    (solve,) = get_lapack_funcs(("posv",), (matrix,))
+    _, solved, failed = solve(matrix * scale * scale[:, None], right[free] * of_right, lower=1)
     if failed:
         raise np.linalg.LinAlgError("the reduced system is not positive definite")
     solution[free] = solved * of_right

@@ -7,12 +7,12 @@ sheets and what lenses leave over without it, and the fold's own poses of bodies
 without the fold to second order (shown by a test against real refits).
 """
 
-from collections.abc import Callable
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from quadrig.rig.adjustment.bordered import Border, dense, error_rows
+from quadrig.rig.adjustment.bordered import Border, Matrix, bordered_matrix, dense, error_rows
 from quadrig.rig.adjustment.levenberg_marquardt import view_steps
 from quadrig.rig.adjustment.normal_equations import linearise, normal_equations
 from quadrig.rig.adjustment.schur import Reduced, block_matrix, eliminate, node_steps, solve_for
@@ -21,7 +21,7 @@ from quadrig.rig.blas_threads import one_thread
 from quadrig.rig.joint.folds import folds_of
 from quadrig.rig.joint.stages import Joint
 from quadrig.rig.problem.build import Problem
-from quadrig.single.arrays import Floats, Mask
+from quadrig.single.arrays import Floats, Ints, Mask
 
 # What noise alone explains has the weight of so many numbers, in the figure of all cameras and in each camera's own:
 # folds of a recording are few, and what they disagree on shows in some ten of a camera's numbers.
@@ -29,6 +29,8 @@ _TRUSTED = 20.0
 
 # Of an error that all its Views take with them, rounding leaves less than this share of what they said.
 _SEEN = 1e-9
+# So many numbers of what folds make of a covariance are held at a time: a quarter of a gigabyte.
+_AT_ONCE = 2**24
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,41 +150,23 @@ def _dispersion(joint: Joint, own: Reduced, share: Floats) -> Floats:
     cameras, lens, count = joint.observations.cameras, len(joint.adjustment.columns), len(share)
     units, size = joint.reduced.free.shape
     free = joint.reduced.free[:cameras, :lens]
-    both, total = free[:, :, None] & free[:, None, :], units * size
+    both = free[:, :, None] & free[:, None, :]
     covariance = joint.bordered.joint_covariance(joint.covariance)
-    lenses = (size * np.arange(cameras)[:, None] + np.arange(lens)).ravel()
-    across = covariance[lenses]
-
-    def of_lens(left: Floats, right: Floats) -> Floats:
-        """Each camera's own block (C, K, K) of a product."""
-        return left.reshape(cameras, lens, len(right)) @ right.reshape(len(right), cameras, lens).swapaxes(0, 1)
-
-    own_lens = across[:, lenses].reshape(cameras, lens, cameras, lens)[np.arange(cameras), :, np.arange(cameras)]
+    own_lens = np.array([covariance[row : row + lens, row : row + lens] for row in size * np.arange(cameras)])
     inverse = np.where(both, np.linalg.inv(np.where(both, own_lens, np.eye(lens))), 0.0)
-    parts = [_of_fold(own, joint.bordered.border, number, units, size) for number in range(count)]
+    parts = [_of_fold(own, joint.bordered.border, number, units) for number in range(count)]
     gradients = np.array([gradient for gradient, _ in parts])
     gradients -= share[:, None] * gradients.sum(axis=0)
-    # Made twice, so that no more than three matrices of this size are held: one for each fold would be most of all.
-    every = np.zeros_like(covariance)
-    for _, product in parts:
-        every += product(covariance)
-    # Of D - D C D of all folds together: its trace with C, and what it makes of each lens.
-    of_every = across @ every
-    trace_all = float(np.trace(every) - (every * every.T).sum())
-    lens_all = of_lens(across - of_every, every[:, lenses])
-    seen, expected, together, by_chance = np.zeros(cameras), np.zeros(cameras), 0.0, 0.0
-    for (_, product), gradient, own_share in zip(parts, gradients, share, strict=True):
-        own_moved, step = product(covariance), covariance @ gradient
-        together += float(gradient @ step)
-        of_each = step[:total].reshape(units, 1, size)[:cameras, :, :lens]
-        seen += (of_each @ inverse @ np.swapaxes(of_each, 1, 2))[:, 0, 0]
-        # D - D C D of the fold, less twice what it has in common with the sum of all, and that sum's own part.
-        trace, crossed = float(np.trace(own_moved)), float((own_moved * every.T).sum())
-        by_chance += trace - float((own_moved * own_moved.T).sum())
-        by_chance += own_share**2 * trace_all - 2 * own_share * (trace - crossed)
-        followed, columns = across @ own_moved, own_moved[:, lenses]
-        spread = of_lens(across - followed - 2 * own_share * (across - of_every), columns)
-        expected += ((spread + own_share**2 * lens_all) * inverse).sum(axis=(1, 2))
+    steps = gradients @ covariance
+    of_each = steps[:, : units * size].reshape(count, units, size)[:, :cameras, None, :lens]
+    seen = (of_each @ inverse @ np.swapaxes(of_each, 2, 3)).sum(axis=(0, 2, 3))
+    expected, traces = np.zeros(cameras), np.zeros(count)
+    for rows, chosen in _runs(len(covariance), cameras, size, count):
+        passed = _Passed.of(covariance, [information for _, information in parts], rows)
+        traces += passed.traces(share)
+        columns = (size * chosen[:, None] + np.arange(lens)).ravel()
+        expected[chosen] = passed.of_lenses(covariance, columns, share, inverse[chosen])
+    together, by_chance = float((gradients * steps).sum()), float(traces.sum())
     if not by_chance > 0:
         return np.ones(cameras)
     # Cameras of one rig are not independent: together they count for as much as one of them.
@@ -191,19 +175,69 @@ def _dispersion(joint: Joint, own: Reduced, share: Floats) -> Floats:
     return (_TRUSTED * pooled + count * seen) / (_TRUSTED + weight)
 
 
-def _of_fold(
-    own: Reduced, border: Border, number: int, units: int, size: int
-) -> tuple[Floats, Callable[[Floats], Floats]]:
-    """The gradient (E M + U,) of a fold, of units and systematic errors, and how to multiply its information
-    (E M + U, E M + U) with a matrix."""
-    chosen, total = own.left // units == number, units * size
-    rows = slice(number * units, (number + 1) * units)
-    ties = border.units[number]
+def _runs(total: int, cameras: int, size: int, folds: int) -> Iterator[tuple[slice, Ints]]:
+    """All numbers (total,) in runs so short that what the folds make of them takes less memory than their covariance,
+    and the cameras, of so many numbers each, that are in a run."""
+    step = max(_AT_ONCE // (folds * total * size), 1)
+    for first in range(0, cameras, step):
+        last = min(first + step, cameras)
+        yield slice(size * first, size * last), np.arange(first, last)
+    for first in range(size * cameras, total, size * step):
+        yield slice(first, min(first + size * step, total)), np.zeros(0, int)
+
+
+@dataclass(frozen=True, eq=False)
+class _Passed:
+    """What the information D of each of F folds makes of the covariance C (T, T) of all numbers, for a run (a slice)
+    of R of them: columns F times (T, R) of D C, and rows F times (R, T) of it."""
+
+    run: slice
+    columns: list[Floats]
+    rows: list[Floats]
+
+    @staticmethod
+    def of(covariance: Floats, folds: "Sequence[Matrix]", run: slice) -> "_Passed":
+        """folds: the information (T, T) of each."""
+        return _Passed(run, [each @ covariance[:, run] for each in folds], [each[run] @ covariance for each in folds])
+
+    def traces(self, share: Floats) -> Floats:
+        """This run's part of the trace (F,) of (D - D C D) C, of each fold less its share (F,) of the sum of all."""
+        every, every_rows = sum(self.columns[1:], self.columns[0]), sum(self.rows[1:], self.rows[0])
+        whole = float(np.trace(every[self.run]) - (every * every_rows.T).sum())
+        found = np.zeros(len(share))
+        for number, (columns, rows) in enumerate(zip(self.columns, self.rows, strict=True)):
+            trace = float(np.trace(columns[self.run]))
+            # The fold's own, less twice what it has in common with the sum of all, and that sum's own part.
+            crossed = trace - float((columns * every_rows.T).sum())
+            own = trace - float((columns * rows.T).sum())
+            found[number] = own + share[number] ** 2 * whole - 2 * share[number] * crossed
+        return found
+
+    def of_lenses(self, covariance: Floats, chosen: Ints, share: Floats, inverse: Floats) -> Floats:
+        """The same of each lens by itself (C',): C (D - D C D) C in units of its own covariance, of which inverse is
+        the inverse (C', K, K). chosen (C' K,): the lenses' numbers, all in this run."""
+        if not len(chosen):
+            return np.zeros(len(inverse))
+        across, shape = covariance[chosen], inverse.shape[:2]
+        columns = [each[:, chosen - self.run.start] for each in self.columns]
+        left = [across - each.T @ covariance for each in columns]
+
+        def of_lens(before: Floats, after: Floats) -> Floats:
+            """Each camera's own block (C', K, K) of a product."""
+            return before.reshape(*shape, len(after)) @ after.reshape(len(after), *shape).swapaxes(0, 1)
+
+        of_every = sum(left[1:], left[0]) - (len(left) - 1) * across
+        whole, total = of_lens(of_every, sum(columns[1:], columns[0])), np.zeros(shape[0])
+        for of_fold, column, own in zip(left, columns, share, strict=True):
+            spread = of_lens(of_fold - 2 * own * of_every, column) + own**2 * whole
+            total += (spread * inverse).sum(axis=(1, 2))
+        return total
+
+
+def _of_fold(own: Reduced, border: Border, number: int, units: int) -> "tuple[Floats, Matrix]":
+    """The gradient (E M + U,) of a fold, of units and systematic errors, and its information (E M + U, E M + U)."""
+    chosen, rows = own.left // units == number, slice(number * units, (number + 1) * units)
     of_units = block_matrix(own.blocks[chosen], own.left[chosen] % units, own.right[chosen] % units, units)
-
-    def product(matrix: Floats) -> Floats:
-        upper = of_units @ matrix[:total] + ties @ matrix[total:]
-        return np.concatenate([upper, ties.T @ matrix[:total] + border.information[number] @ matrix[total:]])
-
+    ties, among = border.units[number], border.information[number]
     gradient = np.where(own.free[rows], own.gradient[rows], 0.0).ravel()
-    return np.concatenate([gradient, border.gradient[number]]), product
+    return np.concatenate([gradient, border.gradient[number]]), bordered_matrix(of_units, ties, among)

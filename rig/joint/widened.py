@@ -60,11 +60,12 @@ def gradient_covariance(
 def with_weak_focals(joint: Joint, covariance: Floats) -> Floats:
     """The covariance (E M, E M) with the focals as unsure as the real tilts of their Views leave them, all that hangs
     on them following."""
-    share = joint.priors.focal_share
-    covariance = covariance.copy()
-    for camera in np.flatnonzero(share < 1):
-        focal = camera * joint.reduced.free.shape[1]
-        if covariance[focal, focal] > 0:
-            along = covariance[:, focal] / np.sqrt(covariance[focal, focal])
-            covariance += (1 / share[camera] - 1) * np.outer(along, along)
-    return covariance
+    share, size = joint.priors.focal_share, joint.reduced.free.shape[1]
+    weak = np.flatnonzero((share < 1) & (covariance.diagonal()[: size * len(share) : size] > 0))
+    # Each widens what the next starts from: only the focals' own columns need to follow, one after another.
+    focals, along = size * weak, covariance[:, size * weak]
+    for number, camera in enumerate(weak):
+        own = along[:, number] / np.sqrt(along[focals[number], number])
+        along[:, number + 1 :] += (1 / share[camera] - 1) * np.outer(own, own[focals[number + 1 :]])
+        along[:, number] = np.sqrt(1 / share[camera] - 1) * own
+    return covariance + along @ along.T

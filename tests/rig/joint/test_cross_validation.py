@@ -123,3 +123,11 @@ def test_a_board_that_bends_widens_the_doubt(simulated):
     assert bent.dispersion > 1.5
     assert any("disagree" in sentence for sentence in bent.weak)
     assert bent.focal_sigma("cam1") > clean.focal_sigma("cam1") * np.sqrt(bent.dispersion)
+
+
+def test_how_many_numbers_are_held_at_a_time_changes_nothing(simulated, jointly, monkeypatch):
+    problem, joint = jointly(simulated.simulate(43, simulated.Scene(cameras=3, framesets=12, tags=1)))
+    at_once = cross_validate(problem, joint).dispersion
+    monkeypatch.setattr("quadrig.rig.joint.cross_validation._AT_ONCE", 1)
+    # Sums in another order: rounding is all that may differ.
+    assert cross_validate(problem, joint).dispersion == pytest.approx(at_once, rel=1e-8)
