@@ -4,6 +4,7 @@ Each is run in a folder of its own where the files are that it names: pictures a
 court, and what commands before it leave. Python of the pages is run too.
 """
 
+import os
 import re
 import shlex
 import shutil
@@ -15,6 +16,7 @@ from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
+from typing import TextIO
 
 import cv2
 import numpy as np
@@ -130,9 +132,9 @@ def _make_room(room: Path) -> None:
     scene = demo_scene(_FRAMESETS)
     # `rig init` makes out the board where it is large, and knows it from two pictures.
     seen = replace(scene, cameras=scene.cameras[::2], board_poses=scene.board_poses[:2])
-    write_demo_recording(room / "look.mcap", seen, progress=False)
+    write_demo_recording(room / "look.mcap", seen, workers=1, progress=False)
     scene = replace(scene, cameras=tuple(map(_smaller, scene.cameras)))
-    write_demo_recording(room / "room.mcap", scene, progress=False)
+    write_demo_recording(room / "room.mcap", scene, workers=1, progress=False)
     write_config(replace(demo_config(scene), reference=None), room / "rig.toml")
     _make_files(room)
     for folder, names in (("boards", _CAMERAS[:2]), ("recordings", ())):
@@ -250,10 +252,26 @@ SNIPPETS = dict.fromkeys(
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory, load_script) -> Path:
-    """The room and the court, made once."""
-    folder = tmp_path_factory.mktemp("written")
-    make_room(folder, load_script("tests/io/court_room.py"))
+    """The room and the court, made once for all of pytest's workers, where files can be waited for."""
+    base = tmp_path_factory.getbasetemp()
+    shared = os.name == "posix" and "PYTEST_XDIST_WORKER" in os.environ
+    folder = (base.parent if shared else base) / "written"
+    folder.mkdir(exist_ok=True)
+    with (folder / "made").open("a+") as made:
+        _wait_for(made)
+        made.seek(0)
+        if not made.read():
+            make_room(folder, load_script("tests/io/court_room.py"))
+            made.write("yes")
     return folder
+
+
+def _wait_for(file: TextIO) -> None:
+    """Until no other worker holds the file; it is let go where it is closed."""
+    if os.name == "posix":
+        import fcntl
+
+        fcntl.flock(file, fcntl.LOCK_EX)
 
 
 @pytest.fixture
