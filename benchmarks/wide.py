@@ -22,11 +22,11 @@ from rich.table import Table
 from quadrig.rig.calibration import calibrate
 from quadrig.rig.problem.camera_input import CameraInput, LensChoice
 from quadrig.rig.result import PlacedRectangle, Rig
-from quadrig.rig.sheet_shape import shape_basis
 from quadrig.single.arrays import Floats
 from quadrig.single.lens import Intrinsics
 from quadrig.single.markings.chessboard import ChessboardMarking
 from quadrig.single.pose import Pose
+from quadrig.single.posterior.sheet_shape import shape_basis
 from quadrig.single.rectangle import Rectangle
 from quadrig.single.solve.planar_pose import planar_poses
 from quadrig.single.view import View

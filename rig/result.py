@@ -8,12 +8,12 @@ from html import escape
 
 import numpy as np
 
-from quadrig.rig.sheet_shape import SheetShape
 from quadrig.rig.words import ONE_SIGMA, Column, counted, length, pixels, sigma_figure, with_sigma
 from quadrig.single.arrays import Floats, Ints, Mask, median
 from quadrig.single.lens import LENS_PARAMETERS, Intrinsics
 from quadrig.single.lens_prior import LensEvidence
 from quadrig.single.pose import Pose, compose_jacobians, inverse_jacobian
+from quadrig.single.posterior.sheet_shape import SheetShape
 from quadrig.single.rectangle import Rectangle
 from quadrig.single.rotation import angles_from_rotation
 from quadrig.single.view import View

@@ -170,7 +170,7 @@ class _Solved:
 
 def _solved(views: Sequence[View], prior: LensPrior) -> _Solved:
     read, readings, focals = _likeliest_readings(views, prior)
-    stacked = stacked_views(read, prior.model)
+    stacked = stacked_views(read, prior.image_size, prior.model)
     return _Solved(read, readings, stacked, prior, estimate_lens(stacked, prior, focals))
 
 
@@ -194,7 +194,8 @@ def _freedom(solved: _Solved) -> int:
 def _is_decided(pinhole: _Solved | QuadrigError, fisheye: _Solved) -> bool:
     """Whether a fisheye is a thousand times as likely as a pinhole: noise of unknown size, as each leaves it."""
     if isinstance(pinhole, QuadrigError):
-        return True
+        # Four corners in any order are a picture of some sheet, bent and edge on, by some fisheye.
+        return _freedom(fisheye) > 0
     return _freedom(fisheye) * np.log(pinhole.found.noise / fisheye.found.noise) > _DECIDED
 
 

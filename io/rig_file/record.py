@@ -13,12 +13,12 @@ from quadrig.io.rig_file.json_numbers import Number, number, numbers, read_numbe
 from quadrig.io.rig_file.view_record import ViewRecord, recorded_view, view_record
 from quadrig.io.safe_json import read_json
 from quadrig.rig.result import CAMERA_PARAMETERS, Camera, PlacedBody, PlacedRectangle, Rig, ViewFit
-from quadrig.rig.sheet_shape import SHAPE_PARAMETERS, SheetShape
 from quadrig.single.errors import QuadrigError
 from quadrig.single.lens import Intrinsics, LensModel
 from quadrig.single.lens_prior import LensEvidence
 from quadrig.single.markings.registry import marking_kind, marking_values
 from quadrig.single.pose import Pose
+from quadrig.single.posterior.sheet_shape import SHAPE_PARAMETERS, SheetShape
 from quadrig.single.rectangle import PRINT_SCALE_SIGMA, WORLD, Marking, Rectangle
 
 RECORD_FORMAT = 1

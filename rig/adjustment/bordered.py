@@ -27,8 +27,8 @@ from quadrig.rig.adjustment.state import State, chain_derivatives
 from quadrig.rig.adjustment.systematic_errors import Moves, SystematicErrors
 from quadrig.rig.adjustment.tables import Tables
 from quadrig.rig.problem.observations import ObservationGroup, Observations
-from quadrig.rig.sheet_shape import AXES_OF_SHAPES
 from quadrig.single.arrays import Floats, Ints
+from quadrig.single.posterior.sheet_shape import AXES_OF_SHAPES
 
 if TYPE_CHECKING:
     import scipy.sparse

@@ -9,17 +9,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from quadrig.rig.adjustment.lens_remainder import (
+from quadrig.rig.problem.build import Problem
+from quadrig.rig.problem.observations import ObservationGroup, Observations
+from quadrig.single.arrays import Floats, Ints
+from quadrig.single.posterior.lens_remainder import (
     degrees_of,
     field_basis,
     learned_variance,
     shares_of,
     usual_variance,
 )
-from quadrig.rig.problem.build import Problem
-from quadrig.rig.problem.observations import ObservationGroup, Observations
-from quadrig.rig.sheet_shape import SHAPE_PARAMETERS, shape_basis, shape_covariance
-from quadrig.single.arrays import Floats, Ints
+from quadrig.single.posterior.sheet_shape import SHAPE_PARAMETERS, shape_basis, shape_covariance
 
 _SHAPES = len(SHAPE_PARAMETERS)
 

@@ -9,10 +9,10 @@ from quadrig.rig.adjustment.systematic_errors import sheet_values
 from quadrig.rig.joint.clock_rounds import Solved
 from quadrig.rig.problem.build import Problem, rebuilt
 from quadrig.rig.problem.layouts import sheets_of
-from quadrig.rig.sheet_shape import SHAPE_PARAMETERS
 from quadrig.rig.start.lenses_and_poses import first_cameras
 from quadrig.rig.words import WRONG_SIZE
 from quadrig.single.arrays import Floats, Ints, Mask
+from quadrig.single.posterior.sheet_shape import SHAPE_PARAMETERS
 from quadrig.single.view import View
 
 # Sizes that are off by less than this are misprints, for which sheets have a shape; what a ruler shows is more.

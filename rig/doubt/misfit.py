@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from quadrig.rig.adjustment.lens_remainder import largest_field
 from quadrig.rig.result import Rig
 from quadrig.single.arrays import Floats, median
+from quadrig.single.posterior.lens_remainder import largest_field
 
 # Corners of which nothing is claimed are known to this, px.
 _USUAL_NOISE = 0.3

@@ -10,9 +10,9 @@ from quadrig.rig.joint.stages import Joint
 from quadrig.rig.problem.build import Problem
 from quadrig.rig.problem.layouts import body_of, sheets_of
 from quadrig.rig.result import PlacedBody, PlacedRectangle
-from quadrig.rig.sheet_shape import SheetShape
 from quadrig.single.arrays import Floats, Ints, Mask
 from quadrig.single.pose import Pose, stacked
+from quadrig.single.posterior.sheet_shape import SheetShape
 
 # Poses of bodies whose errors' doubt is worked out at a time: each takes as many numbers as there are errors, six
 # times.

@@ -86,7 +86,7 @@ class LensEstimate:
     lens_covariance (9, 9), pose_covariance (V, 6, 6) of the poses' steps, lens_pose_covariance (V, 9, 6): second
     moments about them. focal_interval: the 95 % interval, px. residuals (V, P, 2) px; noise: by how much it exceeds
     the Views' own sigma; chi2 over that sigma, and freedom, the degrees of freedom it has. classes: of lenses, as the
-    Views weigh them; shape (S,): of the rectangles, as LensViews has them.
+    Views weigh them; shape (S,): as LensViews has it.
     """
 
     lens: Floats
@@ -163,7 +163,7 @@ def _modes(views: LensViews, prior: LensPrior, first_focals: Sequence[float]) ->
     lens, mean, information = (np.repeat(values, tilts, axis=0) for values in (lens, mean, information))
     rotation = np.swapaxes(poses.rotation[:, :, :tilts], 1, 2).reshape(len(lens), -1, 3, 3)
     start = Pose(rotation, np.swapaxes(poses.translation[:, :, :tilts], 1, 2).reshape(len(lens), -1, 3))
-    shape = np.zeros((len(lens), views.bends.shape[-1]))
+    shape = np.zeros((len(lens), views.shapes))
     fits = fit_lenses(views, lens, shape, start, ~prior.fixed, mean, information)
     off = fits.lens - mean
     cost = fits.chi2 + np.einsum("mi,mij,mj->m", off, information, off)

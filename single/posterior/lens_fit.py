@@ -11,6 +11,8 @@ from quadrig.single.damping import MOST_DAMPING, Damping, gain
 from quadrig.single.errors import QuadrigError
 from quadrig.single.lens import LensModel, project_with_derivatives
 from quadrig.single.pose import Pose
+from quadrig.single.posterior.lens_remainder import degrees_of, field_basis, shares_of, usual_variance
+from quadrig.single.posterior.sheet_shape import STRETCH_SIGMA
 from quadrig.single.rotation import cross_matrix
 from quadrig.single.view import View
 
@@ -22,22 +24,33 @@ _FIRST_DAMPING = 1e-4
 _MOST_POINTS = 60_000
 # How far the corners of a rectangle lie off its plane, of its diagonal: half a millimetre over a sheet of A4.
 _BEND = 0.0014
+# Numbers of a rectangle's shape.
+_OWN_SHAPES = 8
 
 
 @dataclass(frozen=True, eq=False)
 class LensViews:
     """V Views of up to P points: points (V, P, 3) metres, pixels (V, P, 2), seen (V, P) where they are no padding,
-    sigma (V) px; common (V, P, 2): what the pixels of a View share, over sigma; bends (V, P, S): by how much one
-    sigma of each of S numbers, the shapes of the rectangles, lifts a point off its plane, m; model: of the lens that
-    took them."""
+    sigma (V) px; common (V, P, 2): what the pixels of a View share, over sigma; model: of the lens that took them.
+
+    A shape is S numbers, each in its own sigma: R of the rectangles and F of what the lens leaves beside its model.
+    by_sheet (V, P, 3, R): by how much they move points, m, in the frame of the rectangle; by_field (V, P, 2, F): and
+    pixels, px.
+    """
 
     points: Floats
     pixels: Floats
     seen: Mask
     sigma: Floats
     common: Floats
-    bends: Floats
+    by_sheet: Floats
+    by_field: Floats
     model: LensModel = "pinhole"
+
+    @property
+    def shapes(self) -> int:
+        """How many numbers S a shape has."""
+        return self.by_sheet.shape[-1] + self.by_field.shape[-1]
 
     @property
     def coordinates(self) -> int:
@@ -53,7 +66,7 @@ class LensViews:
 class LensFits:
     """M fits of one lens each to the same V Views.
 
-    lens (M, 9); shape (M, S) of the rectangles, in their sigmas; camera_from_rects: a batch (M, V); chi2 (M) of the
+    lens (M, 9); shape (M, S) of rectangles and picture, in sigmas; camera_from_rects: a batch (M, V); chi2 (M) of the
     data over sigma^2; and the quadratic model of minus half of it there, where the poses follow: pull (M, n), its
     slope by lens and shape, and information (M, n, n); pose_gain (M, V, 6, n), the slope of the poses' steps, and
     pose_covariance (M, V, 6, 6) for lens and shape known; converged (M).
@@ -121,8 +134,9 @@ def joined(parts: Sequence[LensFits]) -> LensFits:
     return LensFits(camera_from_rects=pose, **arrays)
 
 
-def stacked_views(views: Sequence[View], model: LensModel = "pinhole") -> LensViews:
-    """The Views in one block, their pixels padded to the same number. model: of their lens."""
+def stacked_views(views: Sequence[View], image_size: tuple[int, int], model: LensModel = "pinhole") -> LensViews:
+    """The Views of one camera in one block, their pixels padded to the same number. image_size: px; model: of their
+    lens."""
     most = max(len(view.pixels) for view in views)
     points, pixels = np.zeros((len(views), most, 3)), np.zeros((len(views), most, 2))
     seen = np.zeros((len(views), most), bool)
@@ -132,15 +146,15 @@ def stacked_views(views: Sequence[View], model: LensModel = "pinhole") -> LensVi
         seen[row, :count] = known
     sigma = np.array([view.expected_sigma for view in views])
     common = stacked_common([view.common for view in views], sigma, most) * seen[..., None]
-    bends = _bends([view.rectangle for view in views], points, seen)
-    return LensViews(points, pixels, seen, sigma, common, bends, model)
+    by_sheet = _by_sheet([view.rectangle for view in views], points, seen)
+    return LensViews(points, pixels, seen, sigma, common, by_sheet, _by_field(pixels, image_size), model)
 
 
-def _bends(names: Sequence[str], points: Floats, seen: Mask) -> Floats:
-    """Seven numbers a rectangle, of which one sigma lifts its corners alike: two twists, a bow, and what the sheet
-    does on one half but not the other, in four ways (half as much)."""
+def _by_sheet(names: Sequence[str], points: Floats, seen: Mask) -> Floats:
+    """One sigma of eight numbers a rectangle: it is longer one way; and seven lift its corners alike: two twists, a
+    bow, and what the sheet does on one half but not the other, in four ways (half as much)."""
     kinds = list(dict.fromkeys(names))
-    bends = np.zeros((*seen.shape, 7 * len(kinds)))
+    moves = np.zeros((*seen.shape, 3, _OWN_SHAPES * len(kinds)))
     for number, kind in enumerate(kinds):
         own = np.array([name == kind for name in names])
         # Half the diagonal of what was seen of it.
@@ -149,9 +163,21 @@ def _bends(names: Sequence[str], points: Floats, seen: Mask) -> Floats:
         square = x * x + y * y
         even = [x * x - y * y, 2 * x * y, square]
         odd = [x * (square - 4 * y * y), y * (4 * x * x - square), x * square, y * square]
+        first = _OWN_SHAPES * number
+        moves[own, :, 0, first] = STRETCH_SIGMA * points[own][..., 0]
+        moves[own, :, 1, first] = -STRETCH_SIGMA * points[own][..., 1]
         lift = np.stack([*even, *(0.5 * term for term in odd)], axis=-1)
-        bends[own, :, 7 * number : 7 * number + 7] = 2 * half * _BEND * lift
-    return bends
+        moves[own, :, 2, first + 1 : first + _OWN_SHAPES] = 2 * half * _BEND * lift
+    return moves
+
+
+def _by_field(pixels: Floats, image_size: tuple[int, int]) -> Floats:
+    """One sigma of each number of the field that a usual lens leaves, across and down."""
+    degrees, size = degrees_of(1), np.array(image_size, float)
+    sigma = np.sqrt(usual_variance(size[:1])[0] * shares_of(degrees))
+    one = np.swapaxes(field_basis(degrees, pixels, size), -1, -2) * sigma
+    none = np.zeros_like(one)
+    return np.stack([np.concatenate([one, none], axis=-1), np.concatenate([none, one], axis=-1)], axis=-2)
 
 
 def fit_lenses(
@@ -174,7 +200,7 @@ def fit_lenses(
     at_once = max(_MOST_POINTS // views.seen.size, 1)
     parts = []
     for rows in (slice(first, first + at_once) for first in range(0, len(lens), at_once)):
-        prior = _LensPrior.of(free, mean[rows], information[rows], views.bends.shape[-1])
+        prior = _LensPrior.of(free, mean[rows], information[rows], views.shapes)
         start = np.concatenate([lens[rows], shape[rows]], axis=1)
         with np.errstate(all="ignore"):
             parts.append(_search(views, start, camera_from_rects[rows], prior))
@@ -190,15 +216,23 @@ def fits_at(views: LensViews, lens: Floats, shape: Floats, camera_from_rects: Po
 
 def residuals_of(views: LensViews, lens: Floats, shape: Floats, camera_from_rects: Pose) -> Floats:
     """Residuals (V, P, 2) px of one lens (9,) and shape (S,); zero where there is no point."""
-    located = _bent(views, shape) @ np.swapaxes(camera_from_rects.rotation, -1, -2)
-    seen, _, _ = project_with_derivatives(lens, located + camera_from_rects.translation[:, None], views.model)
-    return np.where(views.seen[..., None], views.pixels - seen, 0.0)
+    points, pixels = _shaped(views, shape)
+    located = points @ np.swapaxes(camera_from_rects.rotation, -1, -2) + camera_from_rects.translation[:, None]
+    seen, _, _ = project_with_derivatives(lens, located, views.model)
+    return np.where(views.seen[..., None], pixels - seen, 0.0)
 
 
-def _bent(views: LensViews, shape: Floats) -> Floats:
-    """Points (..., V, P, 3) of rectangles of these shapes (..., S)."""
-    lift = (views.bends @ shape[..., None, :, None])[..., 0]
-    return views.points + lift[..., None] * np.array([0.0, 0.0, 1.0])
+def _shaped(views: LensViews, shape: Floats) -> tuple[Floats, Floats]:
+    """Points (..., V, P, 3) and pixels (..., V, P, 2), freed of what the lens leaves, of these shapes (..., S)."""
+    sheet, field = np.split(shape[..., None, :], [views.by_sheet.shape[-1]], axis=-1)
+    count, points = views.seen.shape
+    moved = sheet @ views.by_sheet.reshape(count * points * 3, -1).T
+    shifted = field @ views.by_field.reshape(count * points * 2, -1).T
+    leading = shape.shape[:-1]
+    return (
+        views.points + moved.reshape(*leading, count, points, 3),
+        views.pixels - shifted.reshape(*leading, count, points, 2),
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -251,18 +285,20 @@ class _Rows:
 
 
 def _linearised(views: LensViews, numbers: Floats, poses: Pose) -> _Rows:
-    rotated = _bent(views, numbers[:, 9:]) @ np.swapaxes(poses.rotation, -1, -2)
-    pixels, by_lens, by_point = project_with_derivatives(
+    points, pixels = _shaped(views, numbers[:, 9:])
+    rotated = points @ np.swapaxes(poses.rotation, -1, -2)
+    seen, by_lens, by_point = project_with_derivatives(
         numbers[:, None, None, :9], rotated + poses.translation[..., None, :], views.model
     )
-    by_lift = by_point @ poses.rotation[:, :, None, :, 2:]
+    by_field = np.broadcast_to(views.by_field, (len(numbers), *views.by_field.shape))
     scale = np.where(views.seen, 1 / views.sigma[:, None], 0.0)[..., None, None]
     # One array, so that all are freed together of what a View's pixels share.
     rows = np.concatenate(
         [
-            (views.pixels - pixels)[..., None],
+            (pixels - seen)[..., None],
             by_lens,
-            by_lift * views.bends[..., None, :],
+            by_point @ poses.rotation[:, :, None] @ views.by_sheet,
+            by_field,
             -by_point @ cross_matrix(rotated),
             by_point,
         ],

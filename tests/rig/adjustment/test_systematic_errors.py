@@ -7,8 +7,8 @@ import pytest
 
 from quadrig.rig.adjustment.normal_equations import residual_squares
 from quadrig.rig.adjustment.systematic_errors import sheet_values, systematic_errors
-from quadrig.rig.sheet_shape import shape_basis
 from quadrig.single.lens import project
+from quadrig.single.posterior.sheet_shape import shape_basis
 
 
 @pytest.fixture(scope="module")

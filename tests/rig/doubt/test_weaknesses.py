@@ -7,7 +7,7 @@ import numpy as np
 from quadrig.rig.calibration import calibrate
 from quadrig.rig.doubt.verdict import verdict, weak_points
 from quadrig.rig.doubt.weaknesses import bent_sheets, clocks_apart, weaknesses
-from quadrig.rig.sheet_shape import SheetShape
+from quadrig.single.posterior.sheet_shape import SheetShape
 from quadrig.single.rectangle import Rectangle
 
 

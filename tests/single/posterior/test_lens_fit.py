@@ -30,7 +30,7 @@ def views():
         common = np.full(pixels.shape, 0.3) if k == 2 else None
         made.append(View(("large", "small")[k % 2], points[k], pixels, sigma=sigma, common=common))
     made[1].pixels[3] = np.nan
-    return stacked_views(made), poses
+    return stacked_views(made, (1280, 720)), poses
 
 
 def fit(views, poses, focals=(900.0,), free=ALL, away=0.0):
@@ -40,7 +40,7 @@ def fit(views, poses, focals=(900.0,), free=ALL, away=0.0):
     lens[:, 0] = focals
     start = poses.retract(away * np.random.default_rng(5).normal(size=(4, 6)) * [1, 1, 1, 0.3, 0.3, 0.3])
     start = Pose(np.tile(start.rotation, (count, 1, 1, 1)), np.tile(start.translation, (count, 1, 1)))
-    return fit_lenses(views, lens, np.zeros((count, 14)), start, free, mean, information), mean[0]
+    return fit_lenses(views, lens, np.zeros((count, views.shapes)), start, free, mean, information), mean[0]
 
 
 def whitened_residuals(views, lens, shape, poses):
@@ -71,7 +71,7 @@ def test_the_end_is_the_least_cost(views, fitted):
     rng = np.random.default_rng(4)
     for _ in range(10):
         lens = found.lens[0] + 0.01 * PRIOR * rng.normal(size=9)
-        shape = found.shape[0] + 0.01 * rng.normal(size=14)
+        shape = found.shape[0] + 0.01 * rng.normal(size=stacked.shapes)
         poses = found.camera_from_rects[0].retract(1e-5 * rng.normal(size=(4, 6)))
         assert cost(lens, shape, poses) > least
 
@@ -80,29 +80,30 @@ def test_the_likelihood_is_the_curvature_with_poses_and_shapes_integrated(views,
     """The Gauss-Newton matrix of all numbers by differences, and what is left of it for the lens."""
     stacked, _ = views
     found, _ = fitted
-    unit = np.concatenate([PRIOR, np.ones(14)])
+    unit = np.concatenate([PRIOR, np.ones(stacked.shapes)])
 
     def residuals(step):
-        lens, shape = found.lens[0] + step[:9] * unit[:9], found.shape[0] + step[9:23]
-        poses = found.camera_from_rects[0].retract(step[23:].reshape(4, 6))
+        lens, shape = found.lens[0] + step[:9] * unit[:9], found.shape[0] + step[9:-24]
+        poses = found.camera_from_rects[0].retract(step[-24:].reshape(4, 6))
         return whitened_residuals(stacked, lens, shape, poses)
 
-    slopes = [(residuals(1e-5 * e) - residuals(-1e-5 * e)) / 2e-5 for e in np.eye(47)]
+    slopes = [(residuals(1e-5 * e) - residuals(-1e-5 * e)) / 2e-5 for e in np.eye(9 + stacked.shapes + 24)]
     J = np.stack(slopes, axis=1)
     for scale in (1.0, 1.7):
         seen = found.likelihood(scale)
         whole = J.T @ J / scale**2
-        whole[range(9, 23), range(9, 23)] += 1
+        shapes = np.arange(9, 9 + stacked.shapes)
+        whole[shapes, shapes] += 1
         inner, outer = whole[9:, 9:], whole[:9, 9:]
         expected = whole[:9, :9] - outer @ np.linalg.solve(inner, outer.T)
         lens = seen.information[0] * np.outer(PRIOR, PRIOR)
         # Slopes of differences are good to 1e-6 of the largest.
         assert np.abs(lens - expected).max() < 1e-5 * np.abs(expected).max()
-        poses = np.linalg.inv(inner)[14:, 14:].reshape(4, 6, 4, 6)[range(4), :, range(4)]
+        poses = np.linalg.inv(inner)[-24:, -24:].reshape(4, 6, 4, 6)[range(4), :, range(4)]
         size = np.sqrt(np.diagonal(poses, axis1=1, axis2=2))
         both = size[:, :, None] * size[:, None, :]
         np.testing.assert_allclose(seen.pose_covariance[0] / both, poses / both, atol=1e-4)
-        gain = (-np.linalg.solve(inner, outer.T)[14:]).reshape(4, 6, 9)
+        gain = (-np.linalg.solve(inner, outer.T)[-24:]).reshape(4, 6, 9)
         off = (seen.pose_gain[0] * PRIOR - gain) / size[..., None]
         assert np.abs(off).max() < 1e-4 * np.abs(gain / size[..., None]).max()
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from quadrig.rig.sheet_shape import SHAPE_PARAMETERS, SheetShape, shape_basis, shape_covariance
+from quadrig.single.posterior.sheet_shape import SHAPE_PARAMETERS, SheetShape, shape_basis, shape_covariance
 from quadrig.single.rectangle import Rectangle
 
 SHEET = Rectangle("sheet", 0.4, 0.3)

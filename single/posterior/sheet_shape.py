@@ -20,8 +20,8 @@ at the ends of that side."""
 AXES_OF_SHAPES = ((0, 1), (0, 1), (2,), (2,), (2,), (2,), (2,))
 """Along which axes of the rectangle each of these moves points: in its plane or out of it."""
 
-# Office printers keep each direction to about a tenth of a per cent, of which the ratio is half.
-_STRETCH_SIGMA = 0.00075
+STRETCH_SIGMA = 0.00075
+"""Office printers keep each direction to about a tenth of a per cent, of which the ratio is half."""
 # Half a millimetre over the length of an A4 sheet: paper on cardboard, or a panel. Its rim alone curls by about half
 # of it. All are the same for a sheet turned by half a turn: which end of a chessboard is which, no picture shows.
 _BEND_SIGMA, _CURL_SIGMA = 0.0017, 0.0008
@@ -47,7 +47,7 @@ def shape_basis(rectangle: Rectangle, points: Floats) -> Floats:
 def shape_covariance(rectangles: Sequence[Rectangle]) -> Floats:
     """Covariance (7 R, 7 R) of the shapes of sheets before any picture, sheet by sheet."""
     count = len(SHAPE_PARAMETERS)
-    own = np.array([0.0, _STRETCH_SIGMA, *[_BEND_SIGMA] * 3, *[_CURL_SIGMA] * 2])
+    own = np.array([0.0, STRETCH_SIGMA, *[_BEND_SIGMA] * 3, *[_CURL_SIGMA] * 2])
     covariance = np.asarray(np.kron(np.eye(len(rectangles)), np.diag(own**2)), float)
     scale = np.array([rectangle.scale_sigma for rectangle in rectangles])
     share = _COMMON_SCALE + (1 - _COMMON_SCALE) * np.eye(len(scale))

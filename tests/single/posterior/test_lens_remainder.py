@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from quadrig.rig.adjustment.lens_remainder import (
+from quadrig.single.posterior.lens_remainder import (
     degrees_of,
     field_basis,
     learned_variance,
