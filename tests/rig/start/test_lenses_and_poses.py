@@ -158,7 +158,7 @@ def test_views_that_scatter_are_heard_where_they_tell_more_than_what_lenses_have
     lens = Intrinsics(1280, 800, 1900.0, np.array([655.0, 390.0]), np.zeros(5))
     points, views, sheets = rectangle_corners(0.1, 0.07), [], []
     for number in range(5):
-        place = Pose.from_vectors(0.7 * rng.uniform(-1, 1, 3), [*rng.uniform(-0.1, 0.1, 2), rng.uniform(0.6, 1.0)])
+        place = Pose.from_vectors(0.7 * rng.uniform(-1, 1, 3), rng.uniform([-0.1, -0.1, 0.6], [0.1, 0.1, 1.0]))
         pixels = lens.project(place.transform(points)) + 0.5 * rng.normal(size=(4, 2))
         views.append(View(f"card{number}", points, pixels, camera="cam", sigma=0.5))
         sheets.append(Rectangle(f"card{number}", 0.1, 0.07))
