@@ -32,7 +32,7 @@ UNKNOWN_FOCAL = 0.25
 _SURE_OF_TILT = 3.0
 # The share of lenses that are none of the usual kinds, above which something else may be wrong: a seventh beforehand.
 _UNUSUAL = 0.5
-# Sigmas of a sheet's shape that no sheet has.
+# Sigmas of a shape that no sheet and no lens has.
 _BENT = 3.0
 _CHECK = "check the sizes, the order of the corners and that the sheet is flat"
 # ln of the odds from which a fisheye is one: a thousand to one, where one lens in ten is beforehand.
@@ -183,7 +183,7 @@ def _tried(views: Sequence[View], prior: LensPrior) -> _Solved | QuadrigError:
 
 def _is_suspect(found: LensEstimate) -> bool:
     """Whether the points are explained by something rare alone, or not at all."""
-    return _misses(found) or _is_bent(found) or found.unusual > _UNUSUAL
+    return _misses(found) or _most(found.shape) > _BENT or found.unusual > _UNUSUAL
 
 
 def _freedom(solved: _Solved) -> int:
@@ -296,9 +296,9 @@ def _focals(alone: Sequence[_Alone]) -> list[float]:
     return [float(weight.sum() / (weight * inverse)[weight > 0].sum())] if weight.sum() > 0 else []
 
 
-def _is_bent(found: LensEstimate) -> bool:
-    """Whether the sheet would have to be bent as hardly any is."""
-    return bool(np.abs(found.shape).max() > _BENT)
+def _most(shape: Floats) -> float:
+    """The largest number of a shape, in its sigmas."""
+    return float(np.abs(shape).max())
 
 
 def _misses(found: LensEstimate) -> bool:
@@ -360,7 +360,7 @@ def _notes(
     relative: float,
     twins: Twins | None,
 ) -> list[str]:
-    notes = []
+    notes, sheets = [], found.shape[: stacked.by_sheet.shape[-1]]
     for view, reading in zip(views, readings, strict=True):
         if reading:
             notes.append(f"{view.rectangle!r} was read rotated: reading {reading + 1} of its corners fits best")
@@ -369,12 +369,11 @@ def _notes(
             f"the points miss a rectangle of this size by {found.noise:.1f} times their noise: {_CHECK}; the sigmas "
             "say too little"
         )
-    elif _is_bent(found):
+    elif (most := _most(sheets)) > _BENT:
         notes.append(
-            f"only a sheet bent {np.abs(found.shape).max():.0f} times as far as sheets usually are explains these "
-            f"points: {_CHECK}"
+            f"only a sheet bent {most:.0f} times as far as sheets usually are explains these points: {_CHECK}"
         )
-    elif found.unusual > _UNUSUAL:
+    elif _is_suspect(found):
         notes.append(f"only a rare lens, or a part of another picture, explains these points: {_CHECK}")
     if prior.focal is None and not _misses(found):
         notes += _focal_notes(stacked, prior, found, relative)

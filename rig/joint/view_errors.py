@@ -62,7 +62,10 @@ def _moments(joint: Joint, chosen: Mask) -> tuple[Floats, Floats, Floats]:
     # What the fit of the rectangle poses leaves of a View's error; that of the cameras takes its share of all. One
     # camera or rectangle pose holds the frame: that is six fewer in all.
     left = own - own @ moved @ own
-    shown = shown_nodes(observations)
+    shown, used = shown_nodes(observations), ~joint.inliers.rejected
+    # A pose that one View alone tells takes all of its error: what rounding leaves is nothing to learn from.
+    alone = np.bincount(observations.node[used], minlength=len(shown)) == 1
+    left[(alone & joint.free.node)[observations.node[chosen]]] = 0.0
     unknowns = float(joint.reduced.free.sum()) - 6.0 * float((shown & ~joint.free.node).sum())
     free = 6.0 * float((~joint.inliers.rejected).sum()) - 6.0 * float(shown.sum())
     kept = max(0.0, 1 - unknowns / free) if free > 0 else 0.0

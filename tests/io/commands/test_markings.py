@@ -155,8 +155,8 @@ def test_one_picture_of_a_kalibr_target(tmp_path, capsys):
     assert run(["single", picture, "--target", str(tmp_path / "april.yaml"), "--json"]) == 0
     low, high = json.loads(capsys.readouterr().out)["focal_interval_px"]
     assert low - 10 < LENSES[0].focal < high + 10
-    # One picture, and a lens of which nothing is known: a 95 % interval of 16 %.
-    assert high - low < 0.2 * LENSES[0].focal
+    # One picture, a lens of which nothing is known, a board as flat and as square as prints are: an interval of 23 %.
+    assert high - low < 0.3 * LENSES[0].focal
 
 
 def test_one_picture_says_it_too(tmp_path, capsys):

@@ -79,7 +79,9 @@ def test_lines_for_people_name_what_limits_them(folder, capsys):
     text = answer(capsys, folder / "plain.png", "--paper", "A4", "--sigma", "0.5")
     assert "focal" in text
     assert "+-" in text
-    assert re.search(r"the principal point is only known to \d+ px: the focal is known to", text)
+    assert re.search(r"\n- the focal is known to [\d.]+ %: take more points of the sheet, or several Views", text)
+    far = answer(capsys, folder / "plain.png", "--paper", "A4", "--corners", *as_text(0.4 * CORNERS + 240.0))
+    assert re.search(r"the principal point is only known to \d+ px: the focal is known to", far)
 
 
 def test_corners_in_the_wrong_turn_are_put_right_and_said(folder, capsys):

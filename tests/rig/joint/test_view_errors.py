@@ -61,3 +61,13 @@ def test_no_variance_is_below_zero(right):
     scale = np.sqrt(np.diagonal(matrix))
     expected = nnls(matrix / scale / scale[:, None], right / scale)[0] / scale
     np.testing.assert_allclose(_not_negative(matrix, np.array(right)), expected, rtol=1e-9)
+
+
+def test_a_pose_that_one_view_alone_tells_shows_no_error_of_it(simulated, jointly):
+    """Nothing is left over: what rounding leaves would be taken for errors of many metres."""
+    made = simulated.simulate(8, simulated.Scene(cameras=1, framesets=6, tags=3, noise=0.05))
+    problem, joint = jointly(made)
+    moving = np.array([problem.rectangles[view.rectangle].moving for view in problem.views])
+    assert moving.any()
+    np.testing.assert_array_equal(view_error_variances(problem, joint)[moving], 0.0)
+    assert view_error_variances(problem, joint).max() < 1.0
