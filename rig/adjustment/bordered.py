@@ -150,8 +150,7 @@ class Bordered:
     values (U,): of the errors after it; covariance (U, U), and a root (U, U) of it. step (U,), unit_steps (E, M),
     node_steps (N, 6): the step. by_unit (E M, U): by how much units move with each of U independent errors of one
     sigma. fall: of chi-square, that is expected. effective: how many unknowns the errors count for, less what priors
-    hold. data_information (U, U), data_pull (U,): what the Views alone say of the errors, quadratic about errors of
-    zero, cameras and poses following.
+    hold.
     """
 
     values: Floats
@@ -164,8 +163,6 @@ class Bordered:
     root: Floats
     fall: float
     effective: float
-    data_information: Floats
-    data_pull: Floats
 
     def part(self, observations: Observations, found: Adjustment, share: float) -> tuple[State, Floats]:
         """State and values (U,) of the errors after a share of the step from the end of that adjustment."""
@@ -245,8 +242,6 @@ def solve_bordered(
         root,
         float(step @ pulled + firm_fall),
         len(values) - float((errors.information * covariance).sum()),
-        data,
-        pulled + errors.information @ values + data @ values,
     )
 
 

@@ -79,13 +79,17 @@ class SystematicErrors:
         own, others = (np.diagonal(each.information)[each.lens_rows] for each in (self, other))
         return bool((np.abs(own - others) <= share * others).all())
 
-    def with_learned_fields(self, information: Floats, pull: Floats) -> "SystematicErrors":
-        """The same with priors of the lenses' fields as large as the Views make likely. information (U, U), pull
-        (U,): what the Views say of the errors, quadratic about zero."""
+    def with_learned_fields(self, values: Floats, covariance: Floats) -> "SystematicErrors":
+        """The same with priors of the lenses' fields as large as the Views make likely, sheets and other lenses
+        explaining what they can of it: values (U,) and covariance (U, U) of all errors under the priors as they
+        are."""
         if not self.lens_rows.size:
             return self
-        own = information[self.lens_rows[:, :, None], self.lens_rows[:, None]]
-        variances = learned_variance(own, pull[self.lens_rows], self.share, self.widths)
+        rows, columns = self.lens_rows[:, :, None], self.lens_rows[:, None]
+        # Of each field by itself, all other errors taking any value that their priors allow.
+        both = np.linalg.inv(covariance[rows, columns])
+        pull = (both @ values[self.lens_rows][..., None])[..., 0]
+        variances = learned_variance(both - self.information[rows, columns], pull, self.share, self.widths)
         return replace(self, information=_with_fields(self.information, self.lens_rows, variances, self.share))
 
 

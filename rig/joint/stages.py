@@ -339,7 +339,7 @@ def _learned(problem: Problem, before: _Expected, end: "_End", lens: Floats) -> 
     noise, errors = noise_of(*end.residuals, problem.expected_noise), before.errors
     priors, free = _weighed(problem, before.priors, before.free, lens, end.lens_covariances)
     if end.bordered.fall < _NEAR:
-        errors = errors.with_learned_fields(end.bordered.data_information, end.bordered.data_pull)
+        errors = errors.with_learned_fields(end.bordered.values, end.bordered.covariance)
     return _Expected(noise, priors, free, errors)
 
 
