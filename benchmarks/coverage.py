@@ -28,6 +28,8 @@ from quadrig.rig.result import Rig
 from quadrig.single.arrays import Floats, Mask
 from quadrig.single.errors import QuadrigError
 from quadrig.single.lens import project, project_with_derivatives
+from quadrig.single.pose import Pose
+from quadrig.single.rotation import nearest_rotation
 
 # Every point of a rig shares its cameras: a few of them say what all would.
 _POINTS = 12
@@ -41,9 +43,33 @@ _FEWEST = 4
 _FIVE_SIGMAS = 1 - 5.7e-7
 
 
+def rig_placed(made: Simulated, rig: Rig) -> Pose:
+    """world_from_rig that brings all rectangles nearest to where they are, the better known ones first: the frame of
+    a reference whose distance nobody knows would look at places where nothing ever was."""
+    found, true, weight = [], [], []
+    for placed in rig.rectangles:
+        world_from_rect, corners = made.world_from_rect[placed.name], placed.rectangle.corners
+        found.append(_each(placed.rig_from_rect).transform(corners).reshape(-1, 3))
+        true.append(
+            _each(world_from_rect[placed.framesets] if len(placed.framesets) else world_from_rect)
+            .transform(corners)
+            .reshape(-1, 3)
+        )
+        weight.append(np.repeat(1 / np.trace(placed.covariance[..., 3:, 3:], axis1=-2, axis2=-1), len(corners)))
+    of_rig, of_world, weights = np.concatenate(found), np.concatenate(true), np.concatenate(weight)
+    middles = [np.average(each, axis=0, weights=weights) for each in (of_rig, of_world)]
+    rotation = nearest_rotation((of_world - middles[1]).T @ (weights[:, None] * (of_rig - middles[0])))
+    return Pose(rotation, middles[1] - rotation @ middles[0])
+
+
+def _each(poses: Pose) -> Pose:
+    """One pose or a batch, as a batch before points."""
+    return Pose(poses.rotation.reshape(-1, 1, 3, 3), poses.translation.reshape(-1, 1, 3))
+
+
 def seen_by(made: Simulated, rig: Rig, points: Floats) -> tuple[Floats, Mask]:
     """True pixels (C, N, 2) of points (N, 3) of the rig frame, and which camera sees which (C, N)."""
-    world_from_rig = made.world_from_camera[made.index(rig.reference)]
+    world_from_rig = rig_placed(made, rig)
     pixels, sees = [], []
     for camera in rig.cameras:
         index = made.index(camera.name)
