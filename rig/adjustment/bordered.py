@@ -147,8 +147,8 @@ def _followed(inverse: Floats, nodes: Matrix) -> Matrix:
 class Bordered:
     """One step to the minimum over cameras, poses of bodies and systematic errors together.
 
-    values (U,): of the errors after it; covariance (U, U), and a root (U, U) of it. step (U,), unit_steps (E, M),
-    node_steps (N, 6): the step. by_unit (E M, U): by how much units move with each of U independent errors of one
+    values (U,): of the errors after it; covariance (U, U), and a root (U, R) of it. step (U,), unit_steps (E, M),
+    node_steps (N, 6): the step. by_unit (E M, R): by how much units move with each of R independent errors of one
     sigma. fall: of chi-square, that is expected. effective: how many unknowns the errors count for, less what priors
     hold.
     """
@@ -169,6 +169,13 @@ class Bordered:
         state = found.stepped(observations, share * self.unit_steps, share * self.node_steps)
         return state, self.values - (1 - share) * self.step
 
+    def with_step_in_doubt(self) -> "Bordered":
+        """The same with one independent error more, as large as the step: where the fit ends without it, how far the
+        minimum may be is unknown by that much."""
+        root = np.column_stack([self.root, self.step])
+        by_unit = np.column_stack([self.by_unit, self.unit_steps.ravel()])
+        return replace(self, root=root, by_unit=by_unit, covariance=root @ root.T)
+
     def with_errors(self, unit_covariance: Floats) -> Floats:
         """The covariance (E M, E M) of the cameras with the errors' doubt, from that without."""
         return unit_covariance + self.by_unit @ self.by_unit.T
@@ -187,15 +194,19 @@ class Bordered:
     def lens_covariances(self, found: Adjustment, unit_covariance: Floats) -> Floats:
         """(C, 9, 9) of each camera's lens with the errors' doubt, from the covariance of the cameras without."""
         columns, cameras = found.columns, len(found.state.lens)
-        own = self.by_unit.reshape(found.tables.units, -1, len(self.values))[:cameras, : len(columns)]
+        own = self.by_unit.reshape(found.tables.units, -1, self.by_unit.shape[1])[:cameras, : len(columns)]
         covariance = lens_covariances(found, unit_covariance)
         covariance[:, columns[:, None], columns] += own @ np.swapaxes(own, 1, 2)
         return covariance
 
     def node_roots(self, reduced: Reduced, nodes: slice) -> Floats:
-        """By how much some poses of bodies move (N', 6, U), against by_unit, with each of the U independent errors of
+        """By how much some poses of bodies move (N', 6, R), against by_unit, with each of the R independent errors of
         one sigma."""
-        rows, size, inverse = slice(6 * nodes.start, 6 * nodes.stop), len(self.values), reduced.node_inverse[nodes]
+        rows, size, inverse = (
+            slice(6 * nodes.start, 6 * nodes.stop),
+            self.by_unit.shape[1],
+            reduced.node_inverse[nodes],
+        )
         followed = inverse @ (self.border.pairs[:, rows].T @ self.by_unit).reshape(len(inverse), 6, size)
         return followed + (self.border.passed[rows] @ self.root).reshape(len(inverse), 6, size)
 

@@ -130,3 +130,20 @@ def test_the_step_is_that_of_the_dense_system(both):
     # Noise alone moves the errors: there is a step to be compared.
     assert np.abs(expected[both.last :] / sigma[both.last :]).max() > 0.1
     assert 0 < both.bordered.effective < len(both.bordered.values)
+
+
+def test_a_step_that_is_not_taken_is_in_the_doubt(both):
+    """Of cameras, errors and bodies alike, and together: the covariance grows by the step's own square."""
+    ended = both.bordered.with_step_in_doubt()
+    step = np.concatenate([ended.unit_steps.ravel(), ended.step])
+    grown = ended.joint_covariance(both.alone) - both.bordered.joint_covariance(both.alone)
+    np.testing.assert_allclose(grown, np.outer(step, step), rtol=1e-6, atol=1e-9)
+    every = slice(0, len(both.reduced.node_inverse))
+    of_nodes, before = (each.node_roots(both.reduced, every) for each in (ended, both.bordered))
+    # The gradient of the bodies themselves is nothing where the adjustment ended: they follow cameras and errors.
+    np.testing.assert_allclose(np.abs(of_nodes[..., -1]), np.abs(ended.node_steps), atol=1e-6)
+    np.testing.assert_array_equal(of_nodes[..., :-1], before)
+    twice = both.bordered.with_step_in_doubt().lens_covariances(both.found, both.alone)
+    own = np.square(both.found.lens_steps(ended.unit_steps))
+    grown = np.diagonal(twice - both.bordered.lens_covariances(both.found, both.alone), axis1=1, axis2=2)
+    np.testing.assert_allclose(grown, own, rtol=1e-6, atol=1e-12)
