@@ -78,7 +78,8 @@ _HELD = 1e6
 # Rounds of rejecting and taking back corners: the second rarely changes anything, but few Views lead a fit along a
 # bent valley.
 _MOST_ROUNDS = 40
-# Rounds in which what a fit expects is learned where it stands: three or four are usual.
+# Rounds in which what a fit expects is learned, where it stands or moving with it: three or four are usual. A fit that
+# was near its minimum and is not there after so many is led away by what it learns.
 _LEARNING_ROUNDS = 10
 
 
@@ -261,9 +262,9 @@ def _least_squares_stage(
         end = _end(expected, values, used, state, tables, fold)
         costs = costs + end.adjustment.costs
         then = None
-        if end.bordered.fall < _SIGMA:
+        if end.bordered.fall < _NEAR:
             reached = expected, end, used, inliers
-            if fit.free.slack is None:
+            if end.bordered.fall < _SIGMA and fit.free.slack is None:
                 expected, end, then = _expecting_alike(problem, expected, end, used)
         state, values = _moved(expected, end, observations, used)
         then = then or _learned(problem, expected, end, state.lens)
@@ -278,7 +279,7 @@ def _least_squares_stage(
         contradicted = _contradicted(problem, observations, inliers)
         if contradicted:
             return contradicted
-        if rounds == _MOST_ROUNDS:
+        if rounds == _MOST_ROUNDS or (rounds == _LEARNING_ROUNDS and reached is not None):
             break
     if end.bordered.fall > _NEAR:
         if reached is not None:
