@@ -78,8 +78,8 @@ _HELD = 1e6
 # Rounds of rejecting and taking back corners: the second rarely changes anything, but few Views lead a fit along a
 # bent valley.
 _MOST_ROUNDS = 40
-# Rounds in which what a fit expects is learned, where it stands or moving with it: three or four are usual. A fit that
-# was near its minimum and is not there after so many is led away by what it learns.
+# Rounds in which what a fit expects is learned, where it stands or moving with it: three or four are usual. A fit
+# that was near its minimum and is not there after so many is led away by what it learns.
 _LEARNING_ROUNDS = 10
 
 
