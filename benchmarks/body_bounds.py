@@ -47,13 +47,13 @@ def least_errors(world: Carried, *, exact: bool = False, lenses: bool = True) ->
     )
     errors = _of_sheets(systematic_errors(problem, observations), exact)
     there = expand(errors, observations, state, free, NOISE, tables_of(observations))
-    none = np.zeros(len(errors.information))
+    none = np.zeros(len(errors.held))
     try:
         firm = reduced_inverse(there.reduced)
         bordered = solve_bordered(there.border, errors, none, there.adjustment, there.reduced, firm)
     except np.linalg.LinAlgError:
         return np.full((cameras - 1, 2), np.nan)
-    covariance = bordered.with_errors(firm)
+    covariance = bordered.widened(None, None)
     size, first = there.reduced.free.shape[1], len(there.adjustment.columns)
     by_twist = step_by_camera_twist(world.rig_from_camera)
     errors_of = []
@@ -94,7 +94,6 @@ def true_state(world: Carried, problem: Problem) -> State:
 
 def _of_sheets(errors: SystematicErrors, exact: bool) -> SystematicErrors:
     """The same where lenses leave nothing over, and sheets nothing where they are exact."""
-    information = errors.information.copy()
-    held = np.arange(len(information)) if exact else errors.lens_rows.ravel()
-    information[held, held] += _NONE
-    return replace(errors, information=information)
+    held, none = errors.held.copy(), slice(None) if exact else errors.lens_rows.ravel()
+    held[none] += _NONE
+    return replace(errors, held=held)

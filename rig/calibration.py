@@ -14,7 +14,7 @@ from quadrig.rig.culprits.pictures import no_pictures, set_aside, size_sentences
 from quadrig.rig.culprits.sheets import measured, resized, wrong_size
 from quadrig.rig.culprits.surveys import found_instead, misplaced
 from quadrig.rig.doubt.weaknesses import never_seen
-from quadrig.rig.joint.assemble import assemble_rig, camera_covariance
+from quadrig.rig.joint.assemble import assemble_rig
 from quadrig.rig.joint.clock_rounds import Solved, solve_with_clocks
 from quadrig.rig.joint.stages import Contradicted
 from quadrig.rig.problem.build import Problem, absurd_sentence, absurd_views, build_problem, of_cameras, rebuilt
@@ -131,8 +131,7 @@ def _rigs(problem: Problem, order: Sequence[str], reference: str | None) -> list
         solved, surveys = _with_surveys(solved, frame)
         solved, loose = _with_loose_rectangles(solved, frame)
         solved, sizes = _with_sizes(solved, frame)
-        covariance = camera_covariance(solved.joint, solved.joint.covariance)
-        rig = assemble_rig(solved.problem, solved.joint, solved.first, covariance, frame, placed)
+        rig = assemble_rig(solved.problem, solved.joint, solved.first, frame, placed)
         accused = (
             *carried,
             *surveys,

@@ -19,7 +19,7 @@ import numpy as np
 
 from quadrig.rig.adjustment.bordered import expand
 from quadrig.rig.adjustment.levenberg_marquardt import lens_covariances
-from quadrig.rig.adjustment.schur import dense_matrix
+from quadrig.rig.adjustment.schur import dense_matrix, unit_covariances
 from quadrig.rig.adjustment.twist_jacobians import step_by_camera_twist
 from quadrig.rig.doubt.information import scaled_inverse
 from quadrig.rig.joint.cross_validation import cross_validate
@@ -304,7 +304,7 @@ def _new_information(rig: Rig, problem: Problem, joint: Joint) -> tuple[Floats, 
     )
     nothing = np.zeros_like(joint.free.prior_information)
     opened = replace(joint.free, lens=free, pose=np.ones(len(free), bool), prior_information=nothing)
-    lenses = lens_covariances(joint.adjustment, joint.covariance)
+    lenses = lens_covariances(joint.adjustment, unit_covariances(joint.reduced))
     chi_square, freedom = residual_sum(
         joint.adjustment, joint.observations, joint.free, joint.noise, lenses, joint.bordered.effective
     )

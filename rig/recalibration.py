@@ -53,7 +53,7 @@ def recalibrate(
         raise QuadrigError(joint.sentence)
     order = [camera.name for camera in rig.cameras if camera.name in {c.name for c in problem.cameras}]
     covariance = _passed_on(problem, joint, rig, standing)
-    solved = assemble_rig(problem, joint, first, covariance, rig.reference, order)
+    solved = assemble_rig(problem, joint, first, rig.reference, order, covariance)
     # Inverting a pose there and back costs its last bits.
     kept = tuple(
         replace(camera, rig_from_camera=rig.camera(camera.name).rig_from_camera) if camera.name in stays else camera

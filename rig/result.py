@@ -279,6 +279,15 @@ class Rig:
         return float(pose_sigmas(self.pose_covariance(name))[1])
 
 
+def fits_by_camera(rig: Rig) -> dict[str, list[ViewFit]]:
+    """The fits of the Views of every camera."""
+    fits: dict[str, list[ViewFit]] = {camera.name: [] for camera in rig.cameras}
+    for fit in rig.fits:
+        if fit.view.camera in fits:
+            fits[fit.view.camera].append(fit)
+    return fits
+
+
 def pose_sigmas(covariance: Floats) -> Floats:
     """Of covariances (..., 6, 6) of steps of poses: sigmas (2, ...) of the rotation about one axis, rad, and of the
     position in one direction, m; root mean squares over all."""

@@ -5,6 +5,7 @@ after the poses of bodies are eliminated: the errors' covariance is S = (D + pri
 C + C B S B' C.
 """
 
+from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -21,7 +22,7 @@ from quadrig.rig.adjustment.levenberg_marquardt import (
     undamped,
 )
 from quadrig.rig.adjustment.normal_equations import Linearised, view_rows, weighed
-from quadrig.rig.adjustment.schur import Reduced, node_steps
+from quadrig.rig.adjustment.schur import Reduced, node_steps, own_blocks
 from quadrig.rig.adjustment.slack import eliminate_slack
 from quadrig.rig.adjustment.state import State, chain_derivatives
 from quadrig.rig.adjustment.systematic_errors import Moves, SystematicErrors
@@ -39,6 +40,9 @@ Matrix: TypeAlias = "Floats | scipy.sparse.csr_array"
 _DENSE = 300_000
 # Points whose rows are made at a time: they fit into a processor's second-level cache.
 _AT_ONCE = 8192
+# Poses of bodies whose errors' doubt is worked out at a time: each takes as many numbers as there are errors, six
+# times.
+_NODES_AT_ONCE = 500
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +87,7 @@ class Border:
     def lost(self, errors: SystematicErrors, values: Floats) -> tuple[Floats, Floats]:
         """By how much less the reduced system and its gradient say, (E M, E M) and (E M,), when the errors, now of
         these values (U,), may take any that their prior allows."""
-        pull = self.gradient.sum(axis=0) - errors.information @ values
+        pull = self.gradient.sum(axis=0) - errors.pull(values)
         units = dense(self.all_units)
         right = np.column_stack([units.T, pull])
         solved = units @ np.linalg.solve(self.all_information + errors.information, right)
@@ -144,23 +148,19 @@ def _followed(inverse: Floats, nodes: Matrix) -> Matrix:
 
 
 @dataclass(frozen=True, eq=False)
-class Bordered:
-    """One step to the minimum over cameras, poses of bodies and systematic errors together.
+class Bordered(ABC):
+    """One step to the minimum over cameras, poses of bodies and systematic errors together, and their covariance
+    there.
 
-    values (U,): of the errors after it; covariance (U, U), and a root (U, R) of it. step (U,), unit_steps (E, M),
-    node_steps (N, 6): the step. by_unit (E M, R): by how much units move with each of R independent errors of one
-    sigma. fall: of chi-square, that is expected. effective: how many unknowns the errors count for, less what priors
-    hold.
+    values (U,): of the errors after it. step (U,), unit_steps (E, M), node_steps (N, 6): the step. fall: of
+    chi-square, that is expected. effective: how many unknowns the errors count for, less what priors hold.
     """
 
     values: Floats
-    covariance: Floats
     step: Floats
     unit_steps: Floats
     node_steps: Floats
-    by_unit: Floats
     border: Border
-    root: Floats
     fall: float
     effective: float
 
@@ -169,35 +169,125 @@ class Bordered:
         state = found.stepped(observations, share * self.unit_steps, share * self.node_steps)
         return state, self.values - (1 - share) * self.step
 
+    @property
+    @abstractmethod
+    def firm(self) -> Floats:
+        """The covariance (E M, E M) of the units, were the errors known."""
+
+    @abstractmethod
     def with_step_in_doubt(self) -> "Bordered":
         """The same with one independent error more, as large as the step: where the fit ends without it, how far the
         minimum may be is unknown by that much."""
-        root = np.column_stack([self.root, self.step])
-        by_unit = np.column_stack([self.by_unit, self.unit_steps.ravel()])
-        return replace(self, root=root, by_unit=by_unit, covariance=root @ root.T)
 
-    def with_errors(self, unit_covariance: Floats) -> Floats:
-        """The covariance (E M, E M) of the cameras with the errors' doubt, from that without."""
-        return unit_covariance + self.by_unit @ self.by_unit.T
+    @abstractmethod
+    def lens_covariances(self, found: Adjustment) -> Floats:
+        """(C, 9, 9) of each camera's lens."""
 
-    def joint_covariance(self, unit_covariance: Floats) -> Floats:
-        """The covariance (E M + U, E M + U) of cameras and errors together, from that of the cameras without
-        errors."""
-        first = len(unit_covariance)
+    @abstractmethod
+    def error_covariances(self, rows: Ints) -> Floats:
+        """Covariances (K, J, J) of the errors at rows (K, J), those of one sheet in each."""
+
+    @abstractmethod
+    def error_products(self, vector: Floats) -> Floats:
+        """The covariance (U, U) of the errors, times a vector (U,)."""
+
+    @abstractmethod
+    def columns(self, chosen: Ints) -> Floats:
+        """The columns (E M + U, K) of the covariance of units and errors at those (K,)."""
+
+    @abstractmethod
+    def node_covariances(self, found: Adjustment, reduced: Reduced) -> Floats:
+        """Covariance (N, 6, 6) of the twist of every pose of a body: its own Views' doubt, and what cameras, layouts
+        and errors pass on to it."""
+
+    @abstractmethod
+    def widened(self, gradient: "Matrix | None", taken: Floats | None) -> Floats:
+        """The covariance (E M, E M) of the units where that of their reduced gradient is not what the fit took
+        it for, and where they are moved by taken (E M, U), times the errors; as they are where None."""
+
+    def node_columns(self, reduced: Reduced, columns: Floats) -> Floats:
+        """What the twists (N, 6, K) of bodies' poses have in common with K unknowns, from the columns of these."""
+        first = self.unit_steps.size
+        followed = self.border.pairs.T @ columns[:first]
+        followed = reduced.node_inverse @ followed.reshape(len(reduced.node_inverse), 6, -1)
+        return -followed - (self.border.passed @ columns[first:]).reshape(followed.shape)
+
+
+@dataclass(frozen=True, eq=False)
+class DenseBordered(Bordered):
+    """The same, all covariances at hand.
+
+    covariance (U, U): of the errors, and a root (U, R) of it. by_unit (E M, R): by how much units move with each of R
+    independent errors of one sigma.
+    """
+
+    unit_covariance: Floats
+    covariance: Floats
+    root: Floats
+    by_unit: Floats
+
+    @property
+    def firm(self) -> Floats:
+        """The covariance (E M, E M) of the units, were the errors known."""
+        return self.unit_covariance
+
+    @cached_property
+    def joint_covariance(self) -> Floats:
+        """The covariance (E M + U, E M + U) of cameras and errors together."""
+        first = len(self.firm)
         result = np.empty((first + len(self.values),) * 2)
         np.matmul(self.by_unit, self.by_unit.T, out=result[:first, :first])
-        result[:first, :first] += unit_covariance
+        result[:first, :first] += self.firm
         np.matmul(self.by_unit, self.root.T, out=result[:first, first:])
         result[first:, :first], result[first:, first:] = result[:first, first:].T, self.covariance
         return result
 
-    def lens_covariances(self, found: Adjustment, unit_covariance: Floats) -> Floats:
-        """(C, 9, 9) of each camera's lens with the errors' doubt, from the covariance of the cameras without."""
+    def lens_covariances(self, found: Adjustment) -> Floats:
+        """(C, 9, 9) of each camera's lens."""
         columns, cameras = found.columns, len(found.state.lens)
         own = self.by_unit.reshape(found.tables.units, -1, self.by_unit.shape[1])[:cameras, : len(columns)]
-        covariance = lens_covariances(found, unit_covariance)
+        covariance = lens_covariances(found, own_blocks(self.firm, found.tables.units))
         covariance[:, columns[:, None], columns] += own @ np.swapaxes(own, 1, 2)
         return covariance
+
+    def error_covariances(self, rows: Ints) -> Floats:
+        """Covariances (K, J, J) of the errors at rows (K, J)."""
+        return self.covariance[rows[:, :, None], rows[:, None]]
+
+    def error_products(self, vector: Floats) -> Floats:
+        """The covariance (U, U) of the errors, times a vector (U,)."""
+        return self.covariance @ vector
+
+    def with_step_in_doubt(self) -> "DenseBordered":
+        """The same with one independent error more, as large as the step."""
+        root = np.column_stack([self.root, self.step])
+        by_unit = np.column_stack([self.by_unit, self.unit_steps.ravel()])
+        return replace(self, root=root, by_unit=by_unit, covariance=root @ root.T)
+
+    def columns(self, chosen: Ints) -> Floats:
+        """The columns (E M + U, K) of the covariance of units and errors at those (K,)."""
+        roots = np.concatenate([self.by_unit, self.root])
+        result, units = roots @ roots[chosen].T, np.flatnonzero(chosen < len(self.firm))
+        result[: len(self.firm), units] += self.firm[:, chosen[units]]
+        return result
+
+    def node_covariances(self, found: Adjustment, reduced: Reduced) -> Floats:
+        """Covariance (N, 6, 6) of the twist of every pose of a body."""
+        tables, (units, size) = found.tables, reduced.free.shape
+        passed = reduced.node_inverse[tables.pair_node] @ np.swapaxes(found.normal.pairs, -1, -2)
+        blocks = self.firm.reshape(units, size, units, size)
+        left, right = tables.meeting_left, tables.meeting_right
+        between = blocks[tables.pair_unit[left], :, tables.pair_unit[right], :]
+        term = passed[left] @ between @ np.swapaxes(passed[right], -1, -2)
+        result = reduced.node_inverse.copy()
+        np.add.at(result, tables.pair_node[left], term)
+        off = left != right
+        np.add.at(result, tables.pair_node[left][off], np.swapaxes(term[off], -1, -2))
+        for begin in range(0, len(result), _NODES_AT_ONCE):
+            nodes = slice(begin, min(begin + _NODES_AT_ONCE, len(result)))
+            roots = self.node_roots(reduced, nodes)
+            result[nodes] += roots @ np.swapaxes(roots, -1, -2)
+        return result
 
     def node_roots(self, reduced: Reduced, nodes: slice) -> Floats:
         """By how much some poses of bodies move (N', 6, R), against by_unit, with each of the R independent errors of
@@ -210,6 +300,15 @@ class Bordered:
         followed = inverse @ (self.border.pairs[:, rows].T @ self.by_unit).reshape(len(inverse), 6, size)
         return followed + (self.border.passed[rows] @ self.root).reshape(len(inverse), 6, size)
 
+    def widened(self, gradient: "Matrix | None", taken: Floats | None) -> Floats:
+        """The covariance (E M, E M) of the units with another one of their gradient, moved by taken (E M, U)."""
+        result = self.firm
+        if gradient is not None:
+            result = self.firm @ (gradient @ self.firm)
+            result = (result + result.T) / 2
+        by_unit = self.by_unit if taken is None else self.by_unit + taken @ self.root
+        return result + by_unit @ by_unit.T
+
 
 def solve_bordered(
     border: Border,
@@ -218,7 +317,7 @@ def solve_bordered(
     found: Adjustment,
     reduced: Reduced,
     unit_covariance: Floats,
-) -> Bordered:
+) -> DenseBordered:
     """The step from the end of an adjustment made with errors of these values (U,) taken off.
 
     border, reduced: of that adjustment; unit_covariance (E M, E M): without the errors.
@@ -233,7 +332,7 @@ def solve_bordered(
     (inverted,) = get_lapack_funcs(("trtri",), (lower,))
     root = inverted(lower, lower=1)[0].T
     gradient = np.where(reduced.free, reduced.gradient, 0.0).ravel()
-    pulled = border.gradient.sum(axis=0) - errors.information @ values - through.T @ gradient
+    pulled = border.gradient.sum(axis=0) - errors.pull(values) - through.T @ gradient
     step = root @ (root.T @ pulled)
     firm = unit_covariance @ gradient
     node_pull = found.normal.node_gradient
@@ -242,17 +341,18 @@ def solve_bordered(
     poses = node_steps(found.normal, found.tables, reduced, steps) - (border.passed @ step).reshape(-1, 6)
     by_unit = -through @ root
     covariance = root @ root.T
-    return Bordered(
+    return DenseBordered(
         values + step,
-        covariance,
         step,
         steps,
         poses,
-        by_unit,
         border,
-        root,
         float(step @ pulled + firm_fall),
         len(values) - float((errors.information * covariance).sum()),
+        unit_covariance,
+        covariance,
+        root,
+        by_unit,
     )
 
 
@@ -278,7 +378,7 @@ def _sums(
 ) -> tuple[Linearised, _Sums]:
     """fold (N,): of each node."""
     columns, joins, chain = free.columns, observations.joins, chain_derivatives(observations, state)
-    lens, unknowns, folds = len(columns), len(errors.information), int(fold.max(initial=0)) + 1
+    lens, unknowns, folds = len(columns), len(errors.held), int(fold.max(initial=0)) + 1
     size, fields = lens + chain.by_camera.shape[2], errors.lens_rows.shape[1]
     # Lens and line time act on the Views themselves.
     itself = lens + (state.readout(observations) is not None)

@@ -312,11 +312,9 @@ def undamped(adjustment: Adjustment, free: FreeParameters) -> Reduced:
     return eliminate(adjustment.normal, adjustment.tables, unknowns, free.node)
 
 
-def lens_covariances(adjustment: Adjustment, covariance: Floats) -> Floats:
-    """(C, 9, 9) of each camera's lens, from the covariance (E M, E M) of the reduced system."""
-    cameras, columns, units = len(adjustment.state.lens), adjustment.columns, adjustment.tables.units
-    blocks = covariance.reshape(units, len(covariance) // units, units, -1)
-    own = blocks[np.arange(cameras), :, np.arange(cameras), :]
+def lens_covariances(adjustment: Adjustment, blocks: Floats) -> Floats:
+    """(C, 9, 9) of each camera's lens, from the covariances (E, M, M) of the units."""
+    cameras, columns = len(adjustment.state.lens), adjustment.columns
     result = np.zeros((cameras, LENS, LENS))
-    result[:, columns[:, None], columns] = own[:, : len(columns), : len(columns)]
+    result[:, columns[:, None], columns] = blocks[:cameras, : len(columns), : len(columns)]
     return result

@@ -181,35 +181,48 @@ def normal_equations(observations: Observations, tables: Tables, state: State, g
     lines = chain.by_camera.shape[-1] // 8
     lens = gram.shape[-1] - 7 - lines
     size = lens + chain.by_camera.shape[-1]
-    # By the camera's unknowns and the residual; a node's twist moves the View as its camera's does.
-    by_unknown = np.zeros((len(gram), lens + lines + 7, size + 1))
-    by_unknown[:, range(lens), range(lens)] = 1.0
-    by_unknown[:, lens : lens + lines, size - 1] = 1.0
-    by_unknown[:, lens + lines : -1, lens:size] = chain.by_camera
-    by_unknown[:, -1, -1] = 1.0
-    spread = np.swapaxes(by_unknown, -1, -2) @ gram @ by_unknown
+    by_camera = chain.by_camera
+    if lines:
+        by_camera = np.concatenate([np.zeros_like(by_camera[:, :1]), by_camera], axis=1)
+        by_camera[:, 0, -1] = 1.0
+    # A node's twist moves the View as its camera's does.
+    of_units = _spread(gram, by_camera, lens)
     node = [*range(lens, lens + 6), size]
-    nodes = tables.view_by_node(spread[:, lens : lens + 6, node])
-    of_units, of_pairs, ties = spread[:, :size], spread[:, :size, lens : lens + 6], np.zeros((0, size, size))
+    nodes = tables.view_by_node(of_units[:, lens : lens + 6, node])
+    of_pairs, ties = of_units[:, :, lens : lens + 6], np.zeros((0, size, size))
     if len(tables.loose):
-        rows = _layout_rows(gram, by_unknown, chain.by_layout, tables, slice(lens, lens + 6))
+        rows = _layout_rows(gram, by_camera, chain.by_layout, tables, slice(lens, lens + 6))
         of_units, of_pairs = np.concatenate([of_units, rows[0]]), np.concatenate([of_pairs, rows[1]])
         ties = tables.loose_by_tie(rows[2])
     units, pairs = tables.row_by_unit(of_units), tables.row_by_pair(of_pairs)
     return Normal(units[:, :, :-1], units[:, :, -1], nodes[:, :, :-1], nodes[:, :, -1], pairs, ties)
 
 
+def _spread(gram: Floats, by_camera: Floats, lens: int) -> Floats:
+    """Gram matrices (V, M, M + 1) over the camera's unknowns and, by column, the residual; by_camera (V, .., M - K):
+    of what stands between the lens columns and the residual by the rest of these unknowns."""
+    size = lens + by_camera.shape[2]
+    result = np.empty((len(gram), size, size + 1))
+    moved = np.swapaxes(by_camera, 1, 2) @ gram[:, lens:-1]
+    result[:, :lens, :lens], result[:, :lens, -1] = gram[:, :lens, :lens], gram[:, :lens, -1]
+    result[:, lens:, :lens], result[:, lens:, -1] = moved[:, :, :lens], moved[:, :, -1]
+    result[:, :lens, lens:size] = np.swapaxes(moved[:, :, :lens], 1, 2)
+    np.matmul(moved[:, :, lens:-1], by_camera, out=result[:, lens:, lens:size])
+    return result
+
+
 def _layout_rows(
-    gram: Floats, by_unknown: Floats, by_layout: Floats, tables: Tables, twist: slice
+    gram: Floats, by_camera: Floats, by_layout: Floats, tables: Tables, twist: slice
 ) -> tuple[Floats, Floats, Floats]:
     """The part of a rectangle's pose on its body, for the Views (W,) where that is to be found: with itself and the
     residual (W, M, M + 1), with the node (W, M, 6), and of the camera with it (W, M, M). twist: where a unit has
     it."""
-    size, by_layout = by_unknown.shape[-1] - 1, by_layout[tables.loose]
+    by_layout, lens = by_layout[tables.loose], twist.start
     pulled = np.swapaxes(by_layout, -1, -2) @ gram[tables.loose, -7:-1]
-    with_camera = pulled @ by_unknown[tables.loose]
+    moved = pulled[:, :, lens:-1] @ by_camera[tables.loose]
+    with_camera, size = np.concatenate([pulled[:, :, :lens], moved], axis=2), lens + moved.shape[2]
     own, nodes = np.zeros((len(pulled), size, size + 1)), np.zeros((len(pulled), size, 6))
     ties = np.zeros((len(pulled), size, size))
     own[:, twist, twist], own[:, twist, -1] = pulled[:, :, -7:-1] @ by_layout, pulled[:, :, -1]
-    nodes[:, twist], ties[:, :, twist] = with_camera[:, :, twist], np.swapaxes(with_camera[:, :, :size], -1, -2)
+    nodes[:, twist], ties[:, :, twist] = with_camera[:, :, twist], np.swapaxes(with_camera, -1, -2)
     return own, nodes, ties

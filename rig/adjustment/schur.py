@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from quadrig.rig.adjustment.block_band import BlockBand
 from quadrig.rig.adjustment.normal_equations import Normal
 from quadrig.rig.adjustment.tables import Tables
 from quadrig.single.arrays import Floats, Ints, Mask
@@ -192,6 +193,30 @@ def _solve_banded(reduced: Reduced, right: Floats, rank: Ints, width: int) -> Fl
     column_scale = scale if right.ndim == 1 else scale[:, None]
     solution = solveh_banded(band, ordered * column_scale, lower=True, overwrite_ab=True, check_finite=False)
     return (solution * column_scale)[index]
+
+
+def unit_covariances(reduced: Reduced) -> Floats:
+    """Of the inverse of the reduced matrix the blocks (E, M, M) of each unit with itself; zero where not free."""
+    units, size = reduced.free.shape
+    if band_order(reduced) is None:
+        return own_blocks(reduced_inverse(reduced), units)
+    rows = np.arange(units * size).reshape(units, size)
+    return reduced_band(reduced).elements(rows[:, :, None], rows[:, None])
+
+
+def own_blocks(matrix: Floats, units: int) -> Floats:
+    """The blocks (E, M, M) on the diagonal of a matrix (E M, E M)."""
+    blocks, every = matrix.reshape(units, len(matrix) // units, units, -1), np.arange(units)
+    return blocks[every, :, every]
+
+
+def reduced_band(reduced: Reduced) -> BlockBand:
+    """The reduced matrix factorised in its band."""
+    from scipy.sparse import csr_array
+
+    free = reduced.free.ravel()
+    matrix = csr_array(block_matrix(reduced.blocks, reduced.left, reduced.right, len(reduced.free)))
+    return BlockBand.of(matrix, free, np.zeros(len(free), bool))
 
 
 def reduced_inverse(reduced: Reduced) -> Floats:

@@ -6,6 +6,7 @@ They are unknowns like any other, small, with priors, and linear: what they move
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -19,7 +20,7 @@ from quadrig.single.posterior.lens_remainder import (
     shares_of,
     usual_variance,
 )
-from quadrig.single.posterior.sheet_shape import SHAPE_PARAMETERS, shape_basis, shape_covariance
+from quadrig.single.posterior.sheet_shape import SHAPE_PARAMETERS, shape_basis, shape_information
 
 _SHAPES = len(SHAPE_PARAMETERS)
 
@@ -59,14 +60,25 @@ class Moves:
 @dataclass(frozen=True, eq=False)
 class SystematicErrors:
     """U unknowns in all: seven of each sheet in the order of Problem.rectangles, the tone of each camera where a View
-    has one, then twice B of each camera's lens. moves: of each group. information (U, U): of the prior, whose mean is
-    zero. lens_rows (C, 2 B): where the unknowns of each lens stand; widths (C,) px of the pictures; share (2 B,)."""
+    has one, then twice B of each camera's lens. moves: of each group. held, common (U,): the information of the
+    prior, whose mean is zero, is diag(held) - common common^T. lens_rows (C, 2 B): where the unknowns of each lens
+    stand; widths (C,) px of the pictures; share (2 B,)."""
 
     moves: tuple[Moves, ...]
-    information: Floats
+    held: Floats
+    common: Floats
     lens_rows: Ints
     widths: Floats
     share: Floats
+
+    @cached_property
+    def information(self) -> Floats:
+        """(U, U): of the prior."""
+        return np.diag(self.held) - np.outer(self.common, self.common)
+
+    def pull(self, values: Floats) -> Floats:
+        """The information, times values (U,)."""
+        return self.held * values - self.common * (self.common @ values)
 
     def corrected(self, observations: Observations, values: Floats) -> Observations:
         """The Views with errors of these values (U,) taken off: points as they are on the sheets, pixels as they
@@ -76,27 +88,26 @@ class SystematicErrors:
 
     def is_like(self, other: "SystematicErrors", share: float) -> bool:
         """Whether fields of lenses are expected to be as large as there, to a share."""
-        own, others = (np.diagonal(each.information)[each.lens_rows] for each in (self, other))
+        own, others = self.held[self.lens_rows], other.held[self.lens_rows]
         return bool((np.abs(own - others) <= share * others).all())
 
-    def with_learned_fields(self, values: Floats, covariance: Floats) -> "SystematicErrors":
+    def with_learned_fields(self, values: Floats, covariances: Floats) -> "SystematicErrors":
         """The same with priors of the lenses' fields as large as the Views make likely, sheets and other lenses
-        explaining what they can of it: values (U,) and covariance (U, U) of all errors under the priors as they
-        are."""
+        explaining what they can of it: values (U,) of all errors, and covariances (C, 2 B, 2 B) of each lens's
+        own, under the priors as they are."""
         if not self.lens_rows.size:
             return self
-        rows, columns = self.lens_rows[:, :, None], self.lens_rows[:, None]
         # Of each field by itself, all other errors taking any value that their priors allow.
-        both = np.linalg.inv(covariance[rows, columns])
+        both, held = np.linalg.inv(covariances), self.held[self.lens_rows][:, None] * np.eye(len(self.share))
         pull = (both @ values[self.lens_rows][..., None])[..., 0]
-        variances = learned_variance(both - self.information[rows, columns], pull, self.share, self.widths)
-        return replace(self, information=_with_fields(self.information, self.lens_rows, variances, self.share))
+        variances = learned_variance(both - held, pull, self.share, self.widths)
+        return replace(self, held=_with_fields(self.held, self.lens_rows, variances, self.share))
 
 
-def _with_fields(information: Floats, rows: Ints, variances: Floats, share: Floats) -> Floats:
-    """The information (U, U) where the fields of lenses have these mean squares (C,)."""
-    whole = information.copy()
-    whole[rows, rows] = 1 / (variances[:, None] * share)
+def _with_fields(held: Floats, rows: Ints, variances: Floats, share: Floats) -> Floats:
+    """The prior's information (U,) where the fields of lenses have these mean squares (C,)."""
+    whole = held.copy()
+    whole[rows] = 1 / (variances[:, None] * share)
     return whole
 
 
@@ -123,12 +134,12 @@ def systematic_errors(problem: Problem, observations: Observations) -> Systemati
         by_tone = _tone_moves(problem, group) if tones else np.zeros((count, 0, 2, size))
         by_lens = field_basis(degrees, group.pixels, sizes[group.camera])
         moves.append(Moves(np.concatenate(parts, axis=1), by_shape, by_tone, by_lens))
-    information = np.eye(first_field + fields * cameras)
-    information[:shapes, :shapes] = np.linalg.inv(shape_covariance(rectangles))
+    held, common = np.ones(first_field + fields * cameras), np.zeros(first_field + fields * cameras)
+    held[:shapes], common[:shapes] = shape_information(rectangles)
     rows = first_field + np.arange(fields * cameras).reshape(cameras, fields)
     share, usual = np.tile(shares_of(degrees), 2), usual_variance(sizes[:, 0])
-    information = _with_fields(information, rows, usual, share)
-    return SystematicErrors(tuple(moves), information, rows, sizes[:, 0], share)
+    held = _with_fields(held, rows, usual, share)
+    return SystematicErrors(tuple(moves), held, common, rows, sizes[:, 0], share)
 
 
 def _tone_moves(problem: Problem, group: ObservationGroup) -> Floats:
@@ -141,7 +152,6 @@ def _tone_moves(problem: Problem, group: ObservationGroup) -> Floats:
     return moves
 
 
-def sheet_values(values: Floats, covariance: Floats, rectangles: Sequence[str], name: str) -> tuple[Floats, Floats]:
-    """The values (7,) and covariance (7, 7) of one sheet, of all unknowns."""
-    rows = _SHAPES * list(rectangles).index(name) + np.arange(_SHAPES)
-    return values[rows], covariance[np.ix_(rows, rows)]
+def sheet_rows(rectangles: Sequence[str], name: str) -> Ints:
+    """Where (7,) the shape of a sheet stands among the unknowns."""
+    return _SHAPES * list(rectangles).index(name) + np.arange(_SHAPES)

@@ -8,7 +8,7 @@ import numpy as np
 from quadrig.rig.adjustment.priors import ENOUGH_POINTS
 from quadrig.rig.problem.build import Problem
 from quadrig.rig.problem.camera_input import CameraInput
-from quadrig.rig.result import Rig
+from quadrig.rig.result import Rig, fits_by_camera
 from quadrig.rig.start.lenses_and_poses import views_alone
 from quadrig.single.arrays import Floats
 from quadrig.single.lens import Intrinsics, image_middle
@@ -147,10 +147,10 @@ def no_pictures(problem: Problem) -> dict[str, str]:
 def size_sentences(rig: Rig) -> list[str]:
     """The cameras all of whose corners, in many places or with the principal point too, are those of a picture of
     half the width and height."""
-    sentences = []
+    sentences, fits = [], fits_by_camera(rig)
     for camera in rig.cameras:
         lens = camera.intrinsics
-        views = [fit.view for fit in rig.fits if fit.view.camera == camera.name]
+        views = [fit.view for fit in fits[camera.name]]
         places = _places_in_quarter(views, (lens.width, lens.height))
         off = (lens.principal_point - image_middle(lens.width, lens.height)) / max(lens.width, lens.height)
         if places >= _MANY_PLACES or (places > 1 and off.max() < 0 and off.min() < -_OFF_CENTRE):

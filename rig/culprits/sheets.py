@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from quadrig.rig.adjustment.systematic_errors import sheet_values
+from quadrig.rig.adjustment.systematic_errors import sheet_rows
 from quadrig.rig.joint.clock_rounds import Solved
 from quadrig.rig.problem.build import Problem, rebuilt
 from quadrig.rig.problem.layouts import sheets_of
@@ -103,9 +103,12 @@ def _scale_errors(solved: Solved) -> Floats:
     """
     joint, step = solved.joint, len(SHAPE_PARAMETERS)
     rows = np.arange(len(solved.problem.rectangles)) * step
-    prior = joint.errors.information
-    score = (prior @ joint.bordered.values)[rows]
-    seen = (prior - prior @ joint.bordered.covariance @ prior)[rows, rows]
+    held, common = joint.errors.held[rows], joint.errors.common
+    score = joint.errors.pull(joint.bordered.values)[rows]
+    # The prior less what it makes of the covariance from both sides, of each row with itself.
+    product, own = joint.bordered.error_products(common), joint.bordered.error_covariances(rows[:, None])[:, 0, 0]
+    crossed = 2 * held * common[rows] * product[rows]
+    seen = held - held**2 * own + crossed - common[rows] ** 2 * (1 + common @ product)
     known = seen > 0
     seen = np.where(known, seen, 1.0)
     return np.stack([np.where(known, score / seen, 0.0), np.where(known, 1 / np.sqrt(seen), np.inf)], axis=1)
@@ -187,12 +190,11 @@ def _with_found_lenses(solved: Solved) -> Problem:
 def measured(wrong: WrongSize, solved: Solved) -> WrongSize:
     """The same as the fit of the resized problem has it."""
     names = list(solved.problem.rectangles)
-    values, covariance = sheet_values(
-        solved.joint.bordered.values, solved.joint.bordered.covariance, names, wrong.name
-    )
     if wrong.rivals:
         return wrong
-    return replace(wrong, factor=wrong.factor * float(1 + values[0]), sigma=float(np.sqrt(covariance[0, 0])))
+    bordered, row = solved.joint.bordered, sheet_rows(names, wrong.name)[0]
+    sigma = float(np.sqrt(bordered.error_covariances(np.array([[row]]))[0, 0, 0]))
+    return replace(wrong, factor=wrong.factor * float(1 + bordered.values[row]), sigma=sigma)
 
 
 def resized(problem: Problem, wrong: WrongSize) -> Problem:

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from quadrig.rig.result import Camera, Rig, ViewFit
+from quadrig.rig.result import Camera, Rig, ViewFit, fits_by_camera
 from quadrig.rig.words import listed, with_sigma
 from quadrig.single.arrays import Floats
 from quadrig.single.rectangle import Rectangle
@@ -41,9 +41,9 @@ _DISAGREES = 1.5
 
 def weaknesses(rig: Rig) -> tuple[str, ...]:
     """Sentences, the gravest first; cameras that share a fault share a sentence."""
-    sentences = []
+    sentences, fits = [], fits_by_camera(rig)
     for camera in rig.cameras:
-        sentences += _of_camera(rig, camera)
+        sentences += _of_camera(rig, camera, fits[camera.name])
     if np.isfinite(rig.held_out_rms) and rig.held_out_rms > max(_WORSE_HELD_OUT * rig.rms, rig.rms + _NOTABLE):
         sentences.append(
             f"framesets held out of the fit miss by {rig.held_out_rms:.2f} px against {rig.rms:.2f} px of the fit: "
@@ -58,7 +58,7 @@ def weaknesses(rig: Rig) -> tuple[str, ...]:
     return (*sentences, *bent_sheets(rig), *_covered(rig), *clocks_apart(rig), *_rejected(rig.fits))
 
 
-def _of_camera(rig: Rig, camera: Camera) -> list[str]:
+def _of_camera(rig: Rig, camera: Camera, fits: Sequence[ViewFit]) -> list[str]:
     sentences = []
     sigma = rig.focal_sigma(camera.name) / camera.intrinsics.focal
     if not camera.observable_focal:
@@ -77,12 +77,12 @@ def _of_camera(rig: Rig, camera: Camera) -> list[str]:
             f"{camera.name}: its pictures differ from its lens model by {camera.remainder:.2f} px, smoothly; poses "
             "and sigmas reckon with it, other software will not know"
         )
-    return sentences + _past_its_lens(rig, camera)
+    return sentences + _past_its_lens(camera, fits)
 
 
-def _past_its_lens(rig: Rig, camera: Camera) -> list[str]:
+def _past_its_lens(camera: Camera, every: Sequence[ViewFit]) -> list[str]:
     """From where on outward the corners of a picture mostly stray, for which its lens model is at fault."""
-    fits = [fit for fit in rig.fits if fit.view.camera == camera.name and not fit.rejected]
+    fits = [fit for fit in every if not fit.rejected]
     pixels = np.concatenate([np.zeros((0, 2)), *(fit.view.pixels for fit in fits)])
     strays = ~np.concatenate([np.zeros(0, bool), *(fit.used for fit in fits)])
     distance = np.linalg.norm(pixels - camera.intrinsics.principal_point, axis=1)

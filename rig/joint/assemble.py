@@ -33,6 +33,8 @@ from quadrig.single.lens_prior import CLASS_NAMES
 _KNOWN_LINE = 0.5 / np.sqrt(CLOCK_INFORMATION[1])
 # Sigma of a focal, as a share of it, beyond which the Views do not determine it.
 _UNKNOWN_FOCAL = 0.2
+# Cameras whose part of a covariance is turned at a time: what that takes beside it is small.
+_CAMERAS_AT_ONCE = 64
 
 
 def cameras_of(problem: Problem, joint: Joint, lenses: DeliveredLenses, covariance: Floats) -> tuple[Camera, ...]:
@@ -113,9 +115,13 @@ def camera_covariance(joint: Joint, reduced: Floats) -> Floats:
     block[:, parameter[: len(columns)], np.arange(len(columns))] = 1.0
     block[:, LENS:, len(columns) : len(columns) + 6] = jacobian
     total = cameras * CAMERA_PARAMETERS
-    spread = (block @ reduced.reshape(cameras, size, -1)).reshape(total, cameras, size)
-    result = spread.transpose(1, 0, 2) @ block.transpose(0, 2, 1)
-    return result.transpose(1, 0, 2).reshape(total, total)
+    result, by_camera = np.empty((total, cameras, CAMERA_PARAMETERS)), reduced.reshape(cameras, size, -1)
+    for begin in range(0, cameras, _CAMERAS_AT_ONCE):
+        run = slice(begin, begin + _CAMERAS_AT_ONCE)
+        spread = (block[run] @ by_camera[run]).reshape(-1, cameras, size).transpose(1, 0, 2)
+        rows = slice(begin * CAMERA_PARAMETERS, begin * CAMERA_PARAMETERS + spread.shape[1])
+        result[rows] = (spread @ block.transpose(0, 2, 1)).transpose(1, 0, 2)
+    return result.reshape(total, total)
 
 
 def fits_of(problem: Problem, joint: Joint, reading: Ints) -> tuple[ViewFit, ...]:
@@ -218,24 +224,30 @@ def assemble_rig(
     problem: Problem,
     joint: Joint,
     first: FirstRig,
-    covariance: Floats,
     reference: str,
     order: list[str],
+    known: Floats | None = None,
 ) -> Rig:
-    """The Rig of a joint adjustment, cameras in the given order of names. covariance: as Rig.covariance has it."""
+    """The Rig of a joint adjustment, cameras in the given order of names. known: the covariance, as Rig.covariance
+    has it, before it is widened, where that is not the adjustment's own."""
     fit, without = squares_of(problem, joint), cross_validate(problem, joint)
     held_out = _predicted(without.squares, fit)
     view_errors = view_error_variances(problem, joint)
     lenses = delivered_lenses(joint)
-    widened = widened_covariance(joint, without.widening, view_errors) + lenses.by_unit @ lenses.by_unit.T
+    widened = widened_covariance(joint, without.widening, view_errors, lenses.taken)
     widened = with_open_motions(problem, joint, first.by_motion, with_weak_focals(joint, widened))
     student = student_widening(joint.freedom)
-    covariance = student * (covariance + camera_covariance(joint, widened - joint.covariance))
+    # Of a large rig there is no room for many matrices of its size.
+    widened *= student
+    if known is None:
+        covariance = camera_covariance(joint, widened)
+    else:
+        covariance = student * known + camera_covariance(joint, widened - student * joint.covariance)
     widening = student * float(without.widening.mean())
-    cameras = cameras_of(problem, joint, lenses, student * widened)
+    cameras = cameras_of(problem, joint, lenses, widened)
     cameras = with_figures(cameras, fit, held_out, covariance)
     cameras, contradicted = with_evidence(problem, joint, cameras, covariance)
-    placed = placed_poses(problem, joint, widening, student * widened)
+    placed = placed_poses(problem, joint, widening, widened)
     rectangles = rectangles_of(problem, joint, placed)
     # Who triangulates with the lenses alone does not know what they leave over.
     remainder = np.nan_to_num([camera.remainder for camera in cameras])
@@ -263,6 +275,8 @@ def assemble_rig(
 
 
 def _reordered(covariance: Floats, rows: list[int]) -> Floats:
+    if rows == list(range(len(rows))):
+        return covariance
     size = len(covariance) // len(rows)
     index = (np.array(rows)[:, None] * size + np.arange(size)).ravel()
     return covariance[np.ix_(index, index)]

@@ -12,7 +12,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from quadrig.rig.adjustment.bordered import Border, Matrix, bordered_matrix, dense, error_rows
+from quadrig.rig.adjustment.banded import BandBordered, System
+from quadrig.rig.adjustment.bordered import Border, DenseBordered, Matrix, bordered_matrix, dense, error_rows
 from quadrig.rig.adjustment.levenberg_marquardt import view_steps
 from quadrig.rig.adjustment.normal_equations import linearise, normal_equations
 from quadrig.rig.adjustment.schur import Reduced, block_matrix, eliminate, node_steps, solve_for
@@ -120,21 +121,30 @@ def _without(joint: Joint, own: Reduced, number: int, out: Mask) -> tuple[Floats
         free = free.copy()
         free[0, lens : lens + 6] = False
     border = joint.bordered.border
-    ties = dense(border.all_units - border.units[number]) * free.ravel()[:, None]
-    whole_errors = border.all_information
-    seen = dense(whole_errors - border.information[number])
+    ties, information = border.all_units - border.units[number], border.all_information - border.information[number]
     # A sheet that only this fold shows keeps its shape, as it keeps its pose: both are its own.
-    shown = np.flatnonzero(np.diag(seen) > _SEEN * whole_errors.diagonal())
-    pull = border.gradient.sum(axis=0) - border.gradient[number] - joint.errors.information @ joint.values
-    right = np.column_stack([np.where(free, gradient, 0.0).ravel(), ties[:, shown]])
-    errors = np.zeros_like(pull)
+    shown = information.diagonal() > _SEEN * border.all_information.diagonal()
+    pull = border.gradient.sum(axis=0) - border.gradient[number] - joint.errors.pull(joint.values)
+    reduced = replace(whole, blocks=blocks, gradient=np.where(free, gradient, 0.0), free=free)
     try:
-        solved = solve_for(replace(whole, blocks=blocks, gradient=gradient, free=free), right)
-        information = (seen + joint.errors.information)[np.ix_(shown, shown)] - ties[:, shown].T @ solved[:, 1:]
-        errors[shown] = np.linalg.solve(information, pull[shown] - ties[:, shown].T @ solved[:, 0])
+        if isinstance(joint.bordered, BandBordered):
+            system = System.of(reduced, ties, information, joint.errors, shown)
+            solved = system.solution(system.factorised(), np.concatenate([reduced.gradient.ravel(), pull]))
+            return solved[: free.size].reshape(free.shape), solved[free.size :]
+        return _dense_step(reduced, dense(ties), dense(information) + joint.errors.information, pull, shown)
     except np.linalg.LinAlgError:
         return np.full_like(gradient, np.nan), np.full_like(pull, np.nan)
-    return (solved[:, 0] - solved[:, 1:] @ errors[shown]).reshape(free.shape), errors
+
+
+def _dense_step(
+    reduced: Reduced, ties: Floats, information: Floats, pull: Floats, shown: Mask
+) -> tuple[Floats, Floats]:
+    """Steps (E, M) of the units and (U,) of the errors that are shown (U,), of their system."""
+    ties, errors = ties[:, shown] * reduced.free.ravel()[:, None], np.zeros_like(pull)
+    solved = solve_for(reduced, np.column_stack([reduced.gradient.ravel(), ties]))
+    left = information[np.ix_(shown, shown)] - ties.T @ solved[:, 1:]
+    errors[shown] = np.linalg.solve(left, pull[shown] - ties.T @ solved[:, 0])
+    return (solved[:, 0] - solved[:, 1:] @ errors[shown]).reshape(reduced.free.shape), errors
 
 
 def _dispersion(joint: Joint, own: Reduced, share: Floats) -> Floats:
@@ -151,21 +161,23 @@ def _dispersion(joint: Joint, own: Reduced, share: Floats) -> Floats:
     units, size = joint.reduced.free.shape
     free = joint.reduced.free[:cameras, :lens]
     both = free[:, :, None] & free[:, None, :]
-    covariance = joint.bordered.joint_covariance(joint.covariance)
-    own_lens = np.array([covariance[row : row + lens, row : row + lens] for row in size * np.arange(cameras)])
+    columns = joint.adjustment.columns
+    own_lens = joint.bordered.lens_covariances(joint.adjustment)[:, columns[:, None], columns]
     inverse = np.where(both, np.linalg.inv(np.where(both, own_lens, np.eye(lens))), 0.0)
     parts = [_of_fold(own, joint.bordered.border, number, units) for number in range(count)]
     gradients = np.array([gradient for gradient, _ in parts])
     gradients -= share[:, None] * gradients.sum(axis=0)
-    steps = gradients @ covariance
+    informations = [information for _, information in parts]
+    if isinstance(joint.bordered, BandBordered):
+        steps = joint.bordered.system.solution(joint.bordered.band, gradients.T).T
+        expected, traces = _expected_in_band(joint.bordered, informations, share, inverse)
+    else:
+        assert isinstance(joint.bordered, DenseBordered)
+        covariance = joint.bordered.joint_covariance
+        steps = gradients @ covariance
+        expected, traces = _expected(covariance, informations, share, inverse, size)
     of_each = steps[:, : units * size].reshape(count, units, size)[:, :cameras, None, :lens]
     seen = (of_each @ inverse @ np.swapaxes(of_each, 2, 3)).sum(axis=(0, 2, 3))
-    expected, traces = np.zeros(cameras), np.zeros(count)
-    for rows, chosen in _runs(len(covariance), cameras, size, count):
-        passed = _Passed.of(covariance, [information for _, information in parts], rows)
-        traces += passed.traces(share)
-        columns = (size * chosen[:, None] + np.arange(lens)).ravel()
-        expected[chosen] = passed.of_lenses(covariance, columns, share, inverse[chosen])
     together, by_chance = float((gradients * steps).sum()), float(traces.sum())
     if not by_chance > 0:
         return np.ones(cameras)
@@ -173,6 +185,47 @@ def _dispersion(joint: Joint, own: Reduced, share: Floats) -> Floats:
     weight, pooled_weight = count * np.maximum(expected, 0.0), count * by_chance / cameras
     pooled = (_TRUSTED + pooled_weight * together / by_chance) / (_TRUSTED + pooled_weight)
     return (_TRUSTED * pooled + count * seen) / (_TRUSTED + weight)
+
+
+def _expected(
+    covariance: Floats, folds: "Sequence[Matrix]", share: Floats, inverse: Floats, size: int
+) -> tuple[Floats, Floats]:
+    """What noise alone makes of the lenses (C,), each in units of its own covariance, of which inverse is the inverse
+    (C, K, K), and of all numbers (F,). size: M."""
+    cameras, lens = inverse.shape[:2]
+    expected, traces = np.zeros(cameras), np.zeros(len(folds))
+    for rows, chosen in _runs(len(covariance), cameras, size, len(folds)):
+        passed = _Passed.of(covariance, folds, rows)
+        traces += passed.traces(share)
+        columns = (size * chosen[:, None] + np.arange(lens)).ravel()
+        expected[chosen] = passed.of_lenses(covariance, columns, share, inverse[chosen])
+    return expected, traces
+
+
+def _expected_in_band(
+    bordered: BandBordered, folds: "Sequence[Matrix]", share: Floats, inverse: Floats
+) -> tuple[Floats, Floats]:
+    """The same: what information D makes of the covariance C, C D C and C D C D C, is how the inverse of the system
+    changes with e where e D is added to it."""
+    from scipy.sparse import csr_array
+
+    rows = np.arange(len(inverse))[:, None] * bordered.unit_steps.shape[1] + np.arange(inverse.shape[1])
+    row, column = rows[:, :, None], rows[:, None]
+    sparse = [csr_array(fold) for fold in folds]
+    every = sum(sparse[1:], sparse[0])
+    of_every = bordered.system.factorised(every, 2)
+    whole = of_every.elements(row, column, 1)
+    expected, traces = np.zeros(len(inverse)), np.zeros(len(folds))
+    for number, (fold, own) in enumerate(zip(sparse, share, strict=True)):
+        change = fold - own * every
+        series = bordered.system.factorised(change, 3)
+        # C D C of the fold itself: the series has it of the fold less its share of all.
+        first = -series.elements(row, column, 1) - own * whole
+        spread = (1 - 2 * own) * first - own**2 * whole - series.elements(row, column, 2)
+        expected += (spread * inverse).sum(axis=(1, 2))
+        first = (1 - 2 * own) * bordered.band.times(fold) + own**2 * bordered.band.times(every)
+        traces[number] = first + series.times(change, 1)
+    return expected, traces
 
 
 def _runs(total: int, cameras: int, size: int, folds: int) -> Iterator[tuple[slice, Ints]]:

@@ -16,12 +16,11 @@ from quadrig.single.arrays import Floats
 
 @dataclass(frozen=True, eq=False)
 class DeliveredLenses:
-    """lens (C, 9): handed out. by_unit (E M, U): as Bordered.by_unit has it, of these lenses. remainder (C,) px:
-    of a coordinate, root mean square over the corners, what they leave over; nan where no remainder was looked
-    for."""
+    """lens (C, 9): handed out. taken (E M, U): by how much each error moves them, None where no remainder was looked
+    for. remainder (C,) px: of a coordinate, root mean square over the corners, what they leave over; then nan."""
 
     lens: Floats
-    by_unit: Floats
+    taken: Floats | None
     remainder: Floats
 
 
@@ -31,7 +30,7 @@ def delivered_lenses(joint: Joint) -> DeliveredLenses:
     columns, rows = joint.adjustment.columns, joint.errors.lens_rows
     lens = joint.adjustment.state.lens.copy()
     if not rows.size:
-        return DeliveredLenses(lens, joint.bordered.by_unit, np.full(len(lens), np.nan))
+        return DeliveredLenses(lens, None, np.full(len(lens), np.nan))
     sums, known = _sums(joint), joint.free.information[:, columns[:, None], columns]
     taken = np.zeros((units, size, len(joint.values)))
     remainder = np.zeros(cameras)
@@ -46,8 +45,7 @@ def delivered_lenses(joint: Joint) -> DeliveredLenses:
         field = sums[camera][len(columns) :, len(columns) :]
         left = values @ field @ values - 2 * step @ across @ values + step @ model @ step
         remainder[camera] = np.sqrt(max(left, 0.0) / max(_weights(joint, camera), np.finfo(float).tiny))
-    by_unit = joint.bordered.by_unit + taken.reshape(units * size, -1) @ joint.bordered.root
-    return DeliveredLenses(lens, by_unit, remainder)
+    return DeliveredLenses(lens, taken.reshape(units * size, -1), remainder)
 
 
 def _sums(joint: Joint) -> Floats:

@@ -49,6 +49,8 @@ def judged(problem: Problem, joint: Joint, ties: Sequence[MotionTie]) -> tuple[M
 def with_open_motions(problem: Problem, joint: Joint, ties: Sequence[MotionTie], covariance: Floats) -> Floats:
     """The covariance (E M, E M) with what the motion shows as unsure as that leaves it: by the share of what it says
     that is real, all that hangs on it following, and where that is nothing, unknown."""
+    if not ties:
+        return covariance
     covariance, size = covariance.copy(), joint.reduced.free.shape[1]
     twist = len(joint.adjustment.columns) + np.arange(6)
     for one in ties:

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from quadrig.rig.adjustment.systematic_errors import sheet_values
+from quadrig.rig.adjustment.systematic_errors import sheet_rows
 from quadrig.rig.adjustment.twist_jacobians import step_by_inner_twist, step_by_left_twist
 from quadrig.rig.joint.stages import Joint
 from quadrig.rig.problem.build import Problem
@@ -13,10 +13,6 @@ from quadrig.rig.result import PlacedBody, PlacedRectangle
 from quadrig.single.arrays import Floats, Ints, Mask
 from quadrig.single.pose import Pose, stacked
 from quadrig.single.posterior.sheet_shape import SheetShape
-
-# Poses of bodies whose errors' doubt is worked out at a time: each takes as many numbers as there are errors, six
-# times.
-_AT_ONCE = 500
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,18 +68,14 @@ def placed_poses(problem: Problem, joint: Joint, widening: float, covariance: Fl
     across = np.zeros((len(seen), 6, count, 6))
     columns = _layout_columns(joint)
     if found:
-        firm, by_unit = joint.covariance[:, columns], joint.bordered.by_unit[columns]
-        layouts[:found, :, :found] = layout_covariance(joint)
+        own = joint.bordered.columns(columns)
+        layouts[:found, :, :found] = own[columns].reshape(found, 6, found, 6)
         alone[:found, :, :found] = covariance[np.ix_(columns, columns)].reshape(found, 6, found, 6)
-        # A node follows the units by - N^-1 P', and the systematic errors directly.
-        followed = joint.bordered.border.pairs.T @ firm
-        followed = joint.reduced.node_inverse @ followed.reshape(len(seen), 6, -1)
-        followed = followed + joint.bordered.node_roots(joint.reduced, slice(0, len(seen))) @ by_unit.T
-        across[:, :, :found] = -followed.reshape(len(seen), 6, found, 6)
+        across[:, :, :found] = joint.bordered.node_columns(joint.reduced, own).reshape(len(seen), 6, found, 6)
     return PlacedPoses(
         state.rig_from_body,
         state.body_from_rect,
-        widening * node_covariances(joint),
+        widening * joint.bordered.node_covariances(joint.adjustment, joint.reduced),
         widening * layouts,
         widening * across,
         alone,
@@ -94,8 +86,8 @@ def placed_poses(problem: Problem, joint: Joint, widening: float, covariance: Fl
 def layout_covariance(joint: Joint) -> Floats:
     """Covariance (F, 6, F, 6) of the twists of the poses on bodies that are to be found."""
     columns = _layout_columns(joint)
-    by_unit, found = joint.bordered.by_unit[columns], len(columns) // 6
-    return (joint.covariance[np.ix_(columns, columns)] + by_unit @ by_unit.T).reshape(found, 6, found, 6)
+    found = len(columns) // 6
+    return joint.bordered.columns(columns)[columns].reshape(found, 6, found, 6)
 
 
 def _layout_columns(joint: Joint) -> Ints:
@@ -105,27 +97,6 @@ def _layout_columns(joint: Joint) -> Ints:
     return (first + np.arange(6)).ravel()
 
 
-def node_covariances(joint: Joint) -> Floats:
-    """Covariance (N, 6, 6) of the twist of every pose of a body: its own Views' doubt, and what cameras, layouts and
-    the sheets' shapes pass on to it."""
-    tables, normal, reduced = joint.adjustment.tables, joint.adjustment.normal, joint.reduced
-    units, size = reduced.free.shape
-    passed = reduced.node_inverse[tables.pair_node] @ np.swapaxes(normal.pairs, -1, -2)
-    blocks = joint.covariance.reshape(units, size, units, size)
-    left, right = tables.meeting_left, tables.meeting_right
-    between = blocks[tables.pair_unit[left], :, tables.pair_unit[right], :]
-    term = passed[left] @ between @ np.swapaxes(passed[right], -1, -2)
-    result = reduced.node_inverse.copy()
-    np.add.at(result, tables.pair_node[left], term)
-    off = left != right
-    np.add.at(result, tables.pair_node[left][off], np.swapaxes(term[off], -1, -2))
-    for begin in range(0, len(result), _AT_ONCE):
-        nodes = slice(begin, min(begin + _AT_ONCE, len(result)))
-        roots = joint.bordered.node_roots(reduced, nodes)
-        result[nodes] += roots @ np.swapaxes(roots, -1, -2)
-    return result
-
-
 def rectangles_of(problem: Problem, joint: Joint, placed: PlacedPoses) -> tuple[PlacedRectangle, ...]:
     """Every rectangle that was placed, where it was seen, or once where it stands still; one whose Views were all
     rejected is not, unless its pose is given on a body that was placed."""
@@ -133,7 +104,7 @@ def rectangles_of(problem: Problem, joint: Joint, placed: PlacedPoses) -> tuple[
     kept = problem.node[~joint.inliers.rejected], problem.rectangle[~joint.inliers.rejected]
     for number, (name, rectangle) in enumerate(problem.rectangles.items()):
         sheet, body = sheet_of[name], body_of(rectangle)
-        shape = SheetShape(*sheet_values(joint.bordered.values, joint.bordered.covariance, names, sheet))
+        shape = _shape(joint, names, sheet)
         nodes = np.unique(kept[0][kept[1] == names.index(sheet)])
         nodes = nodes[[problem.nodes[node].body == body for node in nodes]]
         if not rectangle.moving and rectangle.body_from_rect is not None:
@@ -147,6 +118,11 @@ def rectangles_of(problem: Problem, joint: Joint, placed: PlacedPoses) -> tuple[
         else:
             result.append(PlacedRectangle(rectangle, pose[0], covariance[0], shape=shape))
     return tuple(result)
+
+
+def _shape(joint: Joint, names: list[str], sheet: str) -> SheetShape:
+    rows = sheet_rows(names, sheet)
+    return SheetShape(joint.bordered.values[rows], joint.bordered.error_covariances(rows[None])[0])
 
 
 def _nodes(problem: Problem, body: str) -> list[int]:

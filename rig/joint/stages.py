@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from quadrig.rig.adjustment.banded import is_banded, solve_in_band
 from quadrig.rig.adjustment.bordered import Bordered, Expansion, expand, solve_bordered
 from quadrig.rig.adjustment.levenberg_marquardt import (
     Adjustment,
@@ -25,7 +26,7 @@ from quadrig.rig.adjustment.priors import (
     first_priors,
     weighed_priors,
 )
-from quadrig.rig.adjustment.schur import Reduced, reduced_inverse
+from quadrig.rig.adjustment.schur import Reduced, reduced_inverse, unit_covariances
 from quadrig.rig.adjustment.state import State
 from quadrig.rig.adjustment.systematic_errors import SystematicErrors, systematic_errors
 from quadrig.rig.adjustment.tables import Tables, tables_of
@@ -103,9 +104,8 @@ class Joint:
     """The end of the joint adjustment.
 
     observations carry the final weights, errors of the final values (U,) taken off; inliers says what was rejected.
-    freedom: the degrees of freedom that noise (px) rests on. covariance (E M, E M) over the units, without the doubt
-    of the systematic errors; bordered adds that. predicted: the state whose rectangle poses fit the pictures best
-    with no View straying: what the rig says of them, and what residuals are measured from.
+    freedom: the degrees of freedom that noise (px) rests on. predicted: the state whose rectangle poses fit the
+    pictures best with no View straying: what the rig says of them, and what residuals are measured from.
     """
 
     adjustment: Adjustment
@@ -114,7 +114,6 @@ class Joint:
     inliers: Inliers
     noise: float
     freedom: float
-    covariance: Floats
     reduced: Reduced
     priors: LensPriors
     costs: tuple[float, ...]
@@ -122,6 +121,11 @@ class Joint:
     errors: SystematicErrors
     values: Floats
     bordered: Bordered
+
+    @property
+    def covariance(self) -> Floats:
+        """(E M, E M) over the units, without the doubt of the systematic errors; bordered adds that."""
+        return self.bordered.firm
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,7 +167,7 @@ def solve_jointly(
     if contradicted:
         return contradicted
     found = robust.adjustment
-    covariance = lens_covariances(found, reduced_inverse(undamped(found, robust.free)))
+    covariance = lens_covariances(found, unit_covariances(undamped(found, robust.free)))
     priors, free = _weighed(problem, priors, robust.free, found.state.lens, covariance)
     return _least_squares_stage(problem, observations, replace(robust, free=free), priors)
 
@@ -249,7 +253,7 @@ def _least_squares_stage(
     covariance."""
     tables, fold, costs = fit.adjustment.tables, folds_of(problem), fit.adjustment.costs
     expected = _Expected(fit.noise, priors, fit.free, systematic_errors(problem, observations))
-    inliers, values, seen = fit.inliers, np.zeros(len(expected.errors.information)), observations
+    inliers, values, seen = fit.inliers, np.zeros(len(expected.errors.held)), observations
     state, used = fit.adjustment.state, observations.with_weights(inliers.weights)
     near, rounds, reached = False, 0, None
     while True:
@@ -309,7 +313,6 @@ def _joint(
         inliers,
         noise,
         max(end.residuals[1], 0.0) + EXPECTED_WEIGHT,
-        end.firm,
         end.reduced,
         expected.priors,
         costs,
@@ -343,7 +346,8 @@ def _learned(problem: Problem, before: _Expected, end: "_End", lens: Floats) -> 
     noise, errors = noise_of(*end.residuals, problem.expected_noise), before.errors
     priors, free = _weighed(problem, before.priors, before.free, lens, end.lens_covariances)
     if end.bordered.fall < _NEAR:
-        errors = errors.with_learned_fields(end.bordered.values, end.bordered.covariance)
+        fields = end.bordered.error_covariances(errors.lens_rows)
+        errors = errors.with_learned_fields(end.bordered.values, fields)
     return _Expected(noise, priors, free, errors)
 
 
@@ -368,14 +372,12 @@ def _expecting_alike(
 class _End:
     """The end of an adjustment, its reduced system, and what the systematic errors, of values (U,) there, add to it.
 
-    firm (E M, E M): covariance of the units without the errors' doubt; lens_covariances (C, 9, 9): with it.
-    residuals: as residual_sum has it.
+    lens_covariances (C, 9, 9): with the errors' doubt. residuals: as residual_sum has it.
     """
 
     adjustment: Adjustment
     values: Floats
     reduced: Reduced
-    firm: Floats
     bordered: Bordered
     lens_covariances: Floats
     residuals: tuple[float, float]
@@ -394,11 +396,15 @@ def _end(expected: _Expected, values: Floats, used: Observations, state: State, 
 
 def _solved(expected: _Expected, there: Expansion, values: Floats, used: Observations) -> _End:
     found, reduced = there.adjustment, there.reduced
-    firm = reduced_inverse(reduced)
-    bordered = solve_bordered(there.border, expected.errors, values, found, reduced, firm)
-    lenses = bordered.lens_covariances(found, firm)
+    bordered: Bordered
+    if is_banded(reduced, expected.errors):
+        bordered = solve_in_band(there.border, expected.errors, values, found, reduced)
+    else:
+        firm = reduced_inverse(reduced)
+        bordered = solve_bordered(there.border, expected.errors, values, found, reduced, firm)
+    lenses = bordered.lens_covariances(found)
     residuals = residual_sum(found, used, expected.free, expected.noise, lenses, bordered.effective)
-    return _End(found, values, reduced, firm, bordered, lenses, residuals)
+    return _End(found, values, reduced, bordered, lenses, residuals)
 
 
 def _moved(expected: _Expected, end: _End, observations: Observations, used: Observations) -> tuple[State, Floats]:
@@ -412,9 +418,9 @@ def _moved(expected: _Expected, end: _End, observations: Observations, used: Obs
 
     def cost(state: State, at: Floats) -> float:
         seen = errors.corrected(observations, at).with_weights(weights)
-        return cost_at(seen, state, expected.free, expected.noise) + float(at @ errors.information @ at)
+        return cost_at(seen, state, expected.free, expected.noise) + float(at @ errors.pull(at))
 
-    here, share = found.costs[-1] + float(values @ errors.information @ values), 1.0
+    here, share = found.costs[-1] + float(values @ errors.pull(values)), 1.0
     for _ in range(_HALVINGS):
         state, at = bordered.part(used, found, share)
         if cost(state, at) < here:

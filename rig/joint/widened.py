@@ -15,20 +15,20 @@ if TYPE_CHECKING:
     import scipy.sparse
 
 
-def widened_covariance(joint: Joint, widening: Floats, view_errors: Floats) -> Floats:
+def widened_covariance(joint: Joint, widening: Floats, view_errors: Floats, taken: Floats | None = None) -> Floats:
     """Covariance (E M, E M) of the least-squares solution where the variance of camera c's pixels is widening[c] (C,)
     times what the fit took it for, and each View has an error of its own, of variances view_errors (V, 6): C V C,
-    with C the fit's covariance and V that of its reduced gradient.
+    with C the fit's covariance and V that of its reduced gradient; and the doubt of the systematic errors, by which
+    what is delivered is moved by taken (E M, U) too.
 
     Wherever the rig frame stands, relative poses are as sure. What priors hold stays as sure as they are.
     """
     if (widening == 1).all() and not view_errors.any():
-        return joint.covariance
+        return joint.bordered.widened(None, taken)
     gradient = gradient_covariance(
         joint.observations, joint.adjustment, joint.free, joint.reduced, widening, view_errors
     )
-    result = joint.covariance @ (gradient @ joint.covariance)
-    return (result + result.T) / 2
+    return joint.bordered.widened(gradient, taken)
 
 
 def gradient_covariance(
@@ -62,6 +62,8 @@ def with_weak_focals(joint: Joint, covariance: Floats) -> Floats:
     on them following."""
     share, size = joint.priors.focal_share, joint.reduced.free.shape[1]
     weak = np.flatnonzero((share < 1) & (covariance.diagonal()[: size * len(share) : size] > 0))
+    if not len(weak):
+        return covariance
     # Each widens what the next starts from: only the focals' own columns need to follow, one after another.
     focals, along = size * weak, covariance[:, size * weak]
     for number, camera in enumerate(weak):

@@ -19,7 +19,7 @@ from quadrig.rig.adjustment.levenberg_marquardt import (
 from quadrig.rig.adjustment.normal_equations import linearise, normal_equations
 from quadrig.rig.adjustment.outliers import LEAST_NOISE, first_noise
 from quadrig.rig.adjustment.priors import ENOUGH_POINTS, ROUGH, estimated_lenses, first_priors
-from quadrig.rig.adjustment.schur import reduced_inverse
+from quadrig.rig.adjustment.schur import unit_covariances
 from quadrig.rig.adjustment.state import State
 from quadrig.rig.problem.build import Problem
 from quadrig.rig.problem.observations import Joins, Observations, pack
@@ -255,7 +255,7 @@ def _lens_covariances(observations: Observations, found: Adjustment, free: FreeP
     normal = normal_equations(observations, found.tables, found.state, gram)
     weighed = replace(found, normal=with_prior(normal, found.state, free, found.columns))
     reduced = undamped(weighed, free)
-    covariance = lens_covariances(found, reduced_inverse(reduced))
+    covariance = lens_covariances(found, unit_covariances(reduced))
     return covariance[:, found.columns[:, None], found.columns]
 
 

@@ -44,15 +44,16 @@ def shape_basis(rectangle: Rectangle, points: Floats) -> Floats:
     return basis
 
 
-def shape_covariance(rectangles: Sequence[Rectangle]) -> Floats:
-    """Covariance (7 R, 7 R) of the shapes of sheets before any picture, sheet by sheet."""
-    count = len(SHAPE_PARAMETERS)
-    own = np.array([0.0, STRETCH_SIGMA, *[_BEND_SIGMA] * 3, *[_CURL_SIGMA] * 2])
-    covariance = np.asarray(np.kron(np.eye(len(rectangles)), np.diag(own**2)), float)
-    scale = np.array([rectangle.scale_sigma for rectangle in rectangles])
-    share = _COMMON_SCALE + (1 - _COMMON_SCALE) * np.eye(len(scale))
-    covariance[::count, ::count] = share * scale * scale[:, None]
-    return covariance
+def shape_information(rectangles: Sequence[Rectangle]) -> tuple[Floats, Floats]:
+    """The information of the shapes of sheets before any picture, sheet by sheet: diag(own) - common common^T, own
+    and common (7 R,)."""
+    covariance = np.tile([0.0, STRETCH_SIGMA, *[_BEND_SIGMA] * 3, *[_CURL_SIGMA] * 2], len(rectangles)) ** 2
+    scale, rest = np.array([rectangle.scale_sigma for rectangle in rectangles]), 1 - _COMMON_SCALE
+    count, common = len(SHAPE_PARAMETERS), np.zeros_like(covariance)
+    covariance[::count] = rest * scale**2
+    # Of a diagonal and one common part (Sherman and Morrison 1950).
+    common[::count] = np.sqrt(_COMMON_SCALE / (1 + _COMMON_SCALE / rest * len(scale))) / (rest * scale)
+    return 1 / covariance, common
 
 
 @dataclass(frozen=True, eq=False)

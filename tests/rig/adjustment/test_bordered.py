@@ -28,7 +28,7 @@ def weighed_residuals(observations, state):
 
 def dense_system(errors, observations, state, free):
     """Normal matrix and gradient over lenses and poses of cameras, rectangle poses and errors, by differences."""
-    cameras, nodes, count = len(state.lens), observations.nodes, len(errors.information)
+    cameras, nodes, count = len(state.lens), observations.nodes, len(errors.held)
     # Steps that move pixels by some thousandths.
     clocks = [] if state.clocks is None else [1e-4, 1e-7]
     size = np.array([1e-2, 1e-2, 1e-2, 1e-5, 1e-5, *[1e-5] * 6, *clocks])
@@ -78,7 +78,7 @@ def both(request, small, states, simulated):
     there = expand(errors, observations, found.state, free, NOISE, found.tables)
     found, reduced, border = there.adjustment, there.reduced, there.border
     alone = reduced_inverse(reduced)
-    values = np.zeros(len(errors.information))
+    values = np.zeros(len(errors.held))
     bordered = solve_bordered(border, errors, values, found, reduced, alone)
     matrix, gradient, first, last = dense_system(errors, observations, found.state, free)
     kept = np.flatnonzero(np.concatenate([reduced.free.ravel(), np.ones(len(matrix) - first, bool)]))
@@ -99,8 +99,8 @@ def close(found, expected, share=3e-3):
 
 def test_covariances_are_those_of_the_dense_system(both):
     rows = np.r_[: both.first, both.last : len(both.inverse)]
-    close(both.bordered.joint_covariance(both.alone), both.inverse[np.ix_(rows, rows)])
-    close(both.bordered.with_errors(both.alone), both.inverse[: both.first, : both.first])
+    close(both.bordered.joint_covariance, both.inverse[np.ix_(rows, rows)])
+    close(both.bordered.widened(None, None), both.inverse[: both.first, : both.first])
     close(both.bordered.covariance, both.inverse[both.last :, both.last :])
 
 
@@ -136,14 +136,14 @@ def test_a_step_that_is_not_taken_is_in_the_doubt(both):
     """Of cameras, errors and bodies alike, and together: the covariance grows by the step's own square."""
     ended = both.bordered.with_step_in_doubt()
     step = np.concatenate([ended.unit_steps.ravel(), ended.step])
-    grown = ended.joint_covariance(both.alone) - both.bordered.joint_covariance(both.alone)
+    grown = ended.joint_covariance - both.bordered.joint_covariance
     np.testing.assert_allclose(grown, np.outer(step, step), rtol=1e-6, atol=1e-9)
     every = slice(0, len(both.reduced.node_inverse))
     of_nodes, before = (each.node_roots(both.reduced, every) for each in (ended, both.bordered))
     # The gradient of the bodies themselves is nothing where the adjustment ended: they follow cameras and errors.
     np.testing.assert_allclose(np.abs(of_nodes[..., -1]), np.abs(ended.node_steps), atol=1e-6)
     np.testing.assert_array_equal(of_nodes[..., :-1], before)
-    twice = both.bordered.with_step_in_doubt().lens_covariances(both.found, both.alone)
+    twice = both.bordered.with_step_in_doubt().lens_covariances(both.found)
     own = np.square(both.found.lens_steps(ended.unit_steps))
-    grown = np.diagonal(twice - both.bordered.lens_covariances(both.found, both.alone), axis1=1, axis2=2)
+    grown = np.diagonal(twice - both.bordered.lens_covariances(both.found), axis1=1, axis2=2)
     np.testing.assert_allclose(grown, own, rtol=1e-6, atol=1e-12)

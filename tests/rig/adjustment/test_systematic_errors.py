@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from quadrig.rig.adjustment.normal_equations import residual_squares
-from quadrig.rig.adjustment.systematic_errors import sheet_values, systematic_errors
+from quadrig.rig.adjustment.systematic_errors import sheet_rows, systematic_errors
 from quadrig.single.lens import project
 from quadrig.single.posterior.sheet_shape import shape_basis
 
@@ -38,7 +38,7 @@ def test_bent_sheets_are_seen_where_their_shape_has_them(made, states):
     problem = states.problem_of(seen)
     observations, truth = problem.observations(), states.true_state(seen, problem)
     errors = systematic_errors(problem, observations)
-    values = np.zeros(len(errors.information))
+    values = np.zeros(len(errors.held))
     values[: 7 * len(problem.rectangles)] = np.concatenate([shapes[name] for name in problem.rectangles])
     missed = [
         s[g.weights > 0] for g, s in zip(observations.groups, residual_squares(observations, truth), strict=True)
@@ -48,5 +48,4 @@ def test_bent_sheets_are_seen_where_their_shape_has_them(made, states):
     for group, square in zip(right.groups, residual_squares(right, truth), strict=True):
         assert square[group.weights > 0].max() < 1e-12
     for name, shape in shapes.items():
-        own, _ = sheet_values(values, errors.information, list(problem.rectangles), name)
-        np.testing.assert_array_equal(own, shape)
+        np.testing.assert_array_equal(values[sheet_rows(list(problem.rectangles), name)], shape)
