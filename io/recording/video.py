@@ -25,6 +25,8 @@ _LUMA_FIRST = {
 }
 # A key frame's parameter sets stand at its beginning; only the name of a frame and its stamp come before.
 _KEY_FRAME_BYTES = 1500
+# Where a picture says for certain that no other builds on it: a sub-layer's of H.265 may serve the layers above.
+_SAYS_IDLE = {"h264"}
 # Batches longer than this give no more speed, and the progress bar would stand still too long.
 _LONGEST_BATCH = 120
 
@@ -93,8 +95,13 @@ class VideoFile:
                 stream.codec_context.options = {"max_pixels": str(most_pixels())}
                 if not self.counted and len(self) and self.times[0] > 0:
                     container.seek(int(self.times[0]), stream=stream, backward=True)
-                for count, frame in enumerate(container.decode(stream)):
-                    yield (count if self.counted else frame.pts), frame
+                if self.counted:
+                    yield from enumerate(container.decode(stream))
+                    return
+                wanted = set(self.times.tolist())
+                for packet in container.demux(stream):
+                    _pass_over_idle(stream.codec_context, packet, wanted)
+                    yield from ((frame.pts, frame) for frame in packet.decode())
         except (FFmpegError, ValueError):
             return
 
@@ -146,7 +153,8 @@ class McapVideo:
     def images(self, gray: bool = True, shrink: int = 1) -> Iterator[Picture | None]:
         """As ImageSource has it."""
         wanted = np.arange(len(self.messages)) if self.wanted is None else self.wanted
-        yield from _pick(((frame.pts, frame) for frame in self._frames()), wanted, gray, shrink)
+        frames = self._frames(set(wanted.tolist()))
+        yield from _pick(((frame.pts, frame) for frame in frames), wanted, gray, shrink)
 
     def why_unreadable(self, _index: int) -> str:
         """As ImageSource has it: a picture builds on those before it."""
@@ -164,7 +172,7 @@ class McapVideo:
         except ValueError:
             return False
 
-    def _frames(self) -> Iterator[Any]:
+    def _frames(self, wanted: set[int]) -> Iterator[Any]:
         import av
         from av.error import FFmpegError
 
@@ -178,6 +186,7 @@ class McapVideo:
                 try:
                     packet = av.Packet(opened.image(index).data)
                     packet.pts = packet.dts = index
+                    _pass_over_idle(decoder, packet, wanted)
                     # An empty one would be the end of the video.
                     yield from decoder.decode(packet) if packet.size else ()
                 except (FFmpegError, ValueError):
@@ -213,6 +222,12 @@ def read_video(path: Path) -> VideoFile:
     order = np.argsort(times, kind="stable")
     keys = np.flatnonzero(np.array([key for _, _, key in packets])[order])
     return VideoFile(path, name, times[order], float(base), keys)
+
+
+def _pass_over_idle(decoder: Any, packet: Any, wanted: set[int]) -> None:
+    """Have the decoder leave out the picture of this packet where nobody wants it and no other builds on it."""
+    if decoder.name in _SAYS_IDLE:
+        decoder.skip_frame = "DEFAULT" if packet.pts is None or packet.pts in wanted else "NONREF"
 
 
 def _pick(
