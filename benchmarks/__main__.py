@@ -7,7 +7,7 @@ from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
 # What the benchmarks share: not to be run.
-_SHARED = {"__main__", "attacked", "body_bounds", "body_worlds", "mutations", "peers", "simulated"}
+_SHARED = {"__main__", "attacked", "body_bounds", "body_worlds", "mutations", "peers", "processor_time", "simulated"}
 
 
 def names() -> dict[str, str]:
