@@ -144,7 +144,7 @@ def main() -> None:
     """Encode, repeat, search, print a line for each length."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
     parser.add_argument("recording", type=Path, nargs="+")
-    parser.add_argument("--minutes", type=float, nargs="+", default=[0.5, 1.5])
+    parser.add_argument("--minutes", type=float, nargs="+", default=[0.13, 0.5, 1.0])
     parser.add_argument("--tenth", action="store_true", help="only search the chosen tenth of videos")
     asked = parser.parse_args()
     if asked.tenth:
