@@ -1,8 +1,11 @@
 """How time and memory grow: rings of 4 to 256 cameras that share only with their neighbours, 100 framesets.
 
-    python benchmarks/growth.py [MOST CAMERAS]
+    python benchmarks/growth.py [MOST CAMERAS]      up to 1000
+    python benchmarks/growth.py wall [FRAMESETS]    64 cameras that all see one board, 1000 framesets
 
-Each ring is solved in a process of its own, so that its peak of memory is its own.
+Each rig is solved in a process of its own, so that its peak of memory is its own. Beside the errors of positions
+along a ring stands the least that any estimator could have (Cramer-Rao): of these corners, lenses unknown, sheets
+exact.
 """
 
 import json
@@ -14,19 +17,31 @@ import time
 import numpy as np
 from rich.console import Console
 from rich.table import Table
-from simulated import errors, ring
+from simulated import Simulated, errors, ring, wall
 
+from quadrig.rig.adjustment.levenberg_marquardt import FreeParameters, at_state, undamped
+from quadrig.rig.adjustment.normal_equations import linearise
+from quadrig.rig.adjustment.priors import estimated_lenses, first_priors
+from quadrig.rig.adjustment.schur import unit_covariances
+from quadrig.rig.adjustment.state import State
+from quadrig.rig.adjustment.tables import tables_of
+from quadrig.rig.adjustment.twist_jacobians import step_by_camera_twist
 from quadrig.rig.calibration import calibrate
+from quadrig.rig.problem.build import build_problem
+from quadrig.single.pose import stacked
 
 FRAMESETS = 100
-CAMERAS = (4, 8, 16, 32, 64, 128, 256)
+CAMERAS = (4, 8, 16, 32, 64, 128, 256, 512, 1000)
+_USUAL_MOST = 256
+WALL = 64, 1000
+# Of the way round a ring, from the camera that is the frame.
+_ROUND = (1 / 8, 1 / 4, 1 / 2)
 # Below this many Views the fixed costs of a call show in its time, not its growth.
 _LARGE = 1000
 
 
-def one(cameras: int) -> dict[str, float]:
-    """Processor time, memory and errors of one ring."""
-    made = ring(cameras, FRAMESETS)
+def one(made: Simulated) -> dict[str, float]:
+    """Processor time, memory and errors of one rig."""
     # A first small rig: imports are not what grows.
     warm = ring(3, 2)
     calibrate(warm.inputs, warm.rectangles, warm.views)
@@ -36,8 +51,10 @@ def one(cameras: int) -> dict[str, float]:
     seconds = time.process_time() - began
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     found = errors(made, rig)
+    true = [made.rig_from_camera(rig.reference, camera.name).translation for camera in rig.cameras]
+    off = [np.linalg.norm(c.rig_from_camera.translation - t) for c, t in zip(rig.cameras, true, strict=True)]
     return {
-        "cameras": cameras,
+        "cameras": len(made.inputs),
         "views": len(made.views),
         "seconds": seconds,
         "simulated": before / 2**20,
@@ -48,19 +65,52 @@ def one(cameras: int) -> dict[str, float]:
         "rotation": found.rotation,
         "centre": found.centre,
         "noise": rig.noise / made.noise,
+        "along": _along(np.array(off), position_bounds(made)),
     }
+
+
+def position_bounds(made: Simulated) -> np.ndarray:
+    """The least root mean square errors (C,), m, of the cameras' positions from the first of them."""
+    problem = build_problem(made.inputs, made.rectangles, made.views)
+    observations, world_from_camera = problem.observations(), made.world_from_camera
+    nodes = stacked([made.world_from_rect[node.body][node.frameset] for node in problem.nodes])
+    state = State(made.lenses, world_from_camera.inverse(), nodes)
+    every, others = np.ones(observations.nodes, bool), np.arange(len(made.lenses)) > 0
+    information = first_priors(problem, state.lens[:, 0]).information
+    free = FreeParameters(estimated_lenses(problem), others, every, state.lens, information)
+    there = linearise(observations, state, free.columns, made.noise)
+    found = at_state(observations, state, free, made.noise, tables_of(observations), there)
+    twist = len(free.columns) + np.arange(6)
+    covariance = unit_covariances(undamped(found, free))[:, twist[:, None], twist]
+    by_twist = step_by_camera_twist(world_from_camera)[:, 3:]
+    return np.sqrt(np.trace(by_twist @ covariance @ np.swapaxes(by_twist, 1, 2), axis1=1, axis2=2))
+
+
+def _along(off: np.ndarray, bound: np.ndarray) -> list[tuple[float, float]]:
+    """Root mean squares, mm, of errors (C,) and bounds (C,) of positions, m, some way round a ring from its frame."""
+    way = np.arange(len(off)) / len(off)
+    way = np.minimum(way, 1 - way)
+    near = [np.abs(way - part) <= 1 / 16 for part in _ROUND]
+    return [tuple(1000 * float(np.sqrt(np.mean(each[rows] ** 2))) for each in (off, bound)) for rows in near]
 
 
 def main() -> None:
     """Print one table and the power."""
-    most = int(sys.argv[1]) if len(sys.argv) > 1 else CAMERAS[-1]
+    arguments = sys.argv[1:]
+    if arguments[:1] == ["wall"]:
+        kinds = [("wall", WALL[0], int(arguments[1]) if len(arguments) > 1 else WALL[1])]
+    else:
+        most = int(arguments[0]) if arguments else _USUAL_MOST
+        kinds = [("ring", cameras, FRAMESETS) for cameras in CAMERAS if cameras <= most]
     rows = []
-    for cameras in (c for c in CAMERAS if c <= most):
-        done = subprocess.run([sys.executable, __file__, "--one", str(cameras)], capture_output=True, text=True)
+    for kind in kinds:
+        command = [sys.executable, __file__, "--one", *map(str, kind)]
+        done = subprocess.run(command, capture_output=True, text=True)
         if done.returncode:
-            raise SystemExit(f"{cameras} cameras failed: {done.stderr.strip().splitlines()[-1]}")
+            raise SystemExit(f"{kind} failed: {done.stderr.strip().splitlines()[-1]}")
         rows.append(json.loads(done.stdout))
-    table = Table(title=f"ring of cameras, {FRAMESETS} framesets")
+        print(*kind, f"{rows[-1]['seconds']:.0f} s", file=sys.stderr)
+    table = Table(title=f"{kinds[0][0]} of cameras, {kinds[0][2]} framesets")
     columns = (
         "cameras",
         "Views",
@@ -73,6 +123,7 @@ def main() -> None:
         "deg",
         "mm",
         "noise/true",
+        "mm, error/bound, 1/8, 1/4, 1/2 round",
     )
     for column in columns:
         table.add_column(column, justify="right")
@@ -89,8 +140,9 @@ def main() -> None:
             f"{row['rotation']:.3f}",
             f"{row['centre']:.1f}",
             f"{row['noise']:.4f}",
+            ", ".join(f"{off:.2g}/{bound:.2g}" for off, bound in row["along"]),
         )
-    console = Console(width=140)
+    console = Console(width=180)
     console.print(table)
     large = [row for row in rows if row["views"] >= _LARGE] or rows
     if len(large) > 1:
@@ -101,6 +153,6 @@ def main() -> None:
 
 if __name__ == "__main__":
     if sys.argv[1:2] == ["--one"]:
-        print(json.dumps(one(int(sys.argv[2]))))
+        print(json.dumps(one({"ring": ring, "wall": wall}[sys.argv[2]](*map(int, sys.argv[3:])))))
     else:
         main()

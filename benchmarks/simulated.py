@@ -261,6 +261,32 @@ def ring(cameras: int, framesets: int, seed: int = 0, noise: float = 0.3) -> Sim
     return Simulated(inputs, tuple(rectangles), tuple(views), lenses, poses, places, noise)
 
 
+def wall(cameras: int, framesets: int, seed: int = 0, noise: float = 0.3) -> Simulated:
+    """Cameras side by side and above one another on a wall, all of which see one board in each frameset."""
+    rng = np.random.default_rng(seed)
+    lenses = np.tile([900.0, *image_middle(WIDTH, HEIGHT), 0, 0, 0, 0, 0, 1.0], (cameras, 1))
+    lenses[:, 0] = rng.uniform(850, 950, cameras)
+    rows = max(int(np.sqrt(cameras)), 1)
+    places = [
+        np.array([0.3 * (i // rows - cameras / rows / 2), 0.3 * (i % rows - rows / 2), 0.0]) for i in range(cameras)
+    ]
+    middle = np.array([0.0, 0.0, 2.5])
+    poses = _stack([facing(place, middle) for place in places])
+    points, scene, rectangle = (
+        board_points(6, 5, 0.09),
+        Scene(cameras, framesets, noise),
+        Rectangle("board", 0.54, 0.45, moving=True),
+    )
+    views, found = [], []
+    for frameset in range(framesets):
+        place = middle + rng.normal(size=3) * [0.15, 0.15, 0.2]
+        upright = facing(place, place + np.array([0.0, 0.0, 1.0])).rotation
+        found.append(Pose(rotation_from_vector(rng.normal(size=3) * 0.3) @ upright, place))
+        views += _see(rng, scene, lenses, poses, rectangle, points, found[-1], frameset)
+    inputs = tuple(_input(f"cam{i}", "pinhole") for i in range(cameras))
+    return Simulated(inputs, (rectangle,), tuple(views), lenses, poses, {"board": _stack(found)}, noise)
+
+
 def _ring_pose(rng: np.random.Generator, radius: float, between: float) -> Pose:
     outward = np.array([np.sin(between), 0, np.cos(between)])
     place = (radius - rng.uniform(1.7, 2.3)) * outward + rng.normal(size=3) * [0.08, 0.2, 0.08]

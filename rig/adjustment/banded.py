@@ -34,10 +34,9 @@ _COLUMNS_AT_ONCE = 512
 _NODES_AT_ONCE = 5000
 
 
-def is_banded(reduced: Reduced, errors: SystematicErrors) -> bool:
-    """Whether the units can be ordered so that it pays, and no field of a lens, which many would be tied to, is among
-    the errors."""
-    return not errors.lens_rows.size and band_order(reduced) is not None
+def is_banded(reduced: Reduced) -> bool:
+    """Whether the units can be ordered so that it pays."""
+    return band_order(reduced) is not None
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,13 +162,18 @@ class BandBordered(Bordered):
                 yield nodes, index, np.concatenate([follows, by_error[of_error].transpose(0, 2, 1)], axis=2)
 
     def widened(self, gradient: "Matrix | None", taken: Floats | None) -> Floats:
-        """The covariance (E M, E M) of the units with another one of their gradient."""
-        assert taken is None, "lenses have no fields that they could take over"
+        """The covariance (E M, E M) of the units with another one of their gradient, moved by taken (E M, U)."""
+        from scipy.sparse import csr_array, eye_array, hstack
+
         total, firm = self.unit_steps.size, reduced_band(self.reduced)
-        result = np.empty((total, total))
+        moved = csr_array((total, len(self.values)) if taken is None else taken)
+        # What is delivered, of units and errors.
+        chosen = csr_array(hstack([eye_array(total), moved]))
+        astray, result = chosen @ self.astray, np.empty((total, total))
         for begin in range(0, total, _COLUMNS_AT_ONCE):
             run = np.arange(begin, min(begin + _COLUMNS_AT_ONCE, total))
-            result[:, run] = self.columns(run)[:total]
+            result[:, run] = chosen @ self.system.solution(self.band, chosen[run].toarray().T)
+            result[:, run] += np.outer(astray, astray[run])
             if gradient is not None:
                 right = np.zeros((total, len(run)))
                 right[run, run - begin] = 1.0

@@ -22,7 +22,7 @@ from quadrig.rig.adjustment.levenberg_marquardt import (
     undamped,
 )
 from quadrig.rig.adjustment.normal_equations import Linearised, view_rows, weighed
-from quadrig.rig.adjustment.schur import Reduced, node_steps, own_blocks
+from quadrig.rig.adjustment.schur import Reduced, dense_where_full, node_steps, own_blocks
 from quadrig.rig.adjustment.slack import eliminate_slack
 from quadrig.rig.adjustment.state import State, chain_derivatives
 from quadrig.rig.adjustment.systematic_errors import Moves, SystematicErrors
@@ -558,7 +558,8 @@ def bordered_matrix(inner: Matrix, ties: Matrix, outer: Matrix) -> Matrix:
         return np.block([[inner, ties], [ties.T, outer]])
     from scipy.sparse import block_array, csr_array
 
-    return csr_array(block_array([[csr_array(each) for each in row] for row in ([inner, ties], [ties.T, outer])]))
+    rows = [[csr_array(each) for each in row] for row in ([inner, ties], [ties.T, outer])]
+    return dense_where_full(csr_array(block_array(rows)))
 
 
 def _total(parts: Sequence[Matrix]) -> Matrix:
@@ -574,4 +575,4 @@ def _matrix(values: Floats, row: Ints, column: Ints, shape: tuple[int, int]) -> 
         return np.asarray(np.bincount(row * shape[1] + column, values, shape[0] * shape[1]), float).reshape(shape)
     from scipy.sparse import coo_array
 
-    return coo_array((values, (row, column)), shape=shape).tocsr()
+    return dense_where_full(coo_array((values, (row, column)), shape=shape).tocsr())

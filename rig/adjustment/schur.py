@@ -23,6 +23,8 @@ _EMPTY_NODE = 1e-9
 _BAND_SHARE = 0.2
 # Beyond so many places for every pair of unit and body's pose that met, zeros cost more than they save.
 _MOST_EMPTY = 4
+# Above this share of elements that are not zero dense products are quicker: each element takes a tenth of the time.
+_FULL = 0.1
 # Below this many unknowns the dense factorisation takes no time worth saving.
 _SMALL_SYSTEM = 400
 
@@ -129,7 +131,12 @@ def block_matrix(blocks: Floats, left: Ints, right: Ints, units: int) -> "Floats
     row = np.concatenate([left, right[off]])[:, None, None] * size + np.arange(size)[:, None]
     column = np.concatenate([right, left[off]])[:, None, None] * size + np.arange(size)
     at = [axis.ravel() for axis in np.broadcast_arrays(row, column)]
-    return coo_array((values.ravel(), at), shape=(units * size, units * size)).tocsr()
+    return dense_where_full(coo_array((values.ravel(), at), shape=(units * size, units * size)).tocsr())
+
+
+def dense_where_full(matrix: "scipy.sparse.csr_array") -> "Floats | scipy.sparse.csr_array":
+    """The matrix as it is, or with all its zeros where these are few."""
+    return matrix.toarray() if matrix.nnz > _FULL * matrix.shape[0] * matrix.shape[1] else matrix
 
 
 def _solve_dense(reduced: Reduced, right: Floats) -> Floats:

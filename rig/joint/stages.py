@@ -397,7 +397,7 @@ def _end(expected: _Expected, values: Floats, used: Observations, state: State, 
 def _solved(expected: _Expected, there: Expansion, values: Floats, used: Observations) -> _End:
     found, reduced = there.adjustment, there.reduced
     bordered: Bordered
-    if is_banded(reduced, expected.errors):
+    if is_banded(reduced):
         bordered = solve_in_band(there.border, expected.errors, values, found, reduced)
     else:
         firm = reduced_inverse(reduced)
