@@ -13,6 +13,7 @@ import resource
 import subprocess
 import sys
 import time
+from typing import Any
 
 import numpy as np
 from rich.console import Console
@@ -40,7 +41,7 @@ _ROUND = (1 / 8, 1 / 4, 1 / 2)
 _LARGE = 1000
 
 
-def one(made: Simulated) -> dict[str, float]:
+def one(made: Simulated) -> dict[str, Any]:
     """Processor time, memory and errors of one rig."""
     # A first small rig: imports are not what grows.
     warm = ring(3, 2)
@@ -72,10 +73,11 @@ def one(made: Simulated) -> dict[str, float]:
 def position_bounds(made: Simulated) -> np.ndarray:
     """The least root mean square errors (C,), m, of the cameras' positions from the first of them."""
     problem = build_problem(made.inputs, made.rectangles, made.views)
-    observations, world_from_camera = problem.observations(), made.world_from_camera
+    observations, order = problem.observations(), [made.index(camera.name) for camera in problem.cameras]
+    world_from_camera = made.world_from_camera[np.array(order)]
     nodes = stacked([made.world_from_rect[node.body][node.frameset] for node in problem.nodes])
-    state = State(made.lenses, world_from_camera.inverse(), nodes)
-    every, others = np.ones(observations.nodes, bool), np.arange(len(made.lenses)) > 0
+    state = State(made.lenses[order], world_from_camera.inverse(), nodes)
+    every, others = np.ones(observations.nodes, bool), np.array(order) > 0
     information = first_priors(problem, state.lens[:, 0]).information
     free = FreeParameters(estimated_lenses(problem), others, every, state.lens, information)
     there = linearise(observations, state, free.columns, made.noise)
@@ -83,7 +85,9 @@ def position_bounds(made: Simulated) -> np.ndarray:
     twist = len(free.columns) + np.arange(6)
     covariance = unit_covariances(undamped(found, free))[:, twist[:, None], twist]
     by_twist = step_by_camera_twist(world_from_camera)[:, 3:]
-    return np.sqrt(np.trace(by_twist @ covariance @ np.swapaxes(by_twist, 1, 2), axis1=1, axis2=2))
+    bounds = np.empty(len(order))
+    bounds[order] = np.sqrt(np.trace(by_twist @ covariance @ np.swapaxes(by_twist, 1, 2), axis1=1, axis2=2))
+    return bounds
 
 
 def _along(off: np.ndarray, bound: np.ndarray) -> list[tuple[float, float]]:
@@ -91,7 +95,8 @@ def _along(off: np.ndarray, bound: np.ndarray) -> list[tuple[float, float]]:
     way = np.arange(len(off)) / len(off)
     way = np.minimum(way, 1 - way)
     near = [np.abs(way - part) <= 1 / 16 for part in _ROUND]
-    return [tuple(1000 * float(np.sqrt(np.mean(each[rows] ** 2))) for each in (off, bound)) for rows in near]
+    squares = [(np.mean(off[rows] ** 2), np.mean(bound[rows] ** 2)) for rows in near]
+    return [(1000 * float(np.sqrt(error)), 1000 * float(np.sqrt(least))) for error, least in squares]
 
 
 def main() -> None:

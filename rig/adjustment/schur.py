@@ -136,7 +136,7 @@ def block_matrix(blocks: Floats, left: Ints, right: Ints, units: int) -> "Floats
 
 def dense_where_full(matrix: "scipy.sparse.csr_array") -> "Floats | scipy.sparse.csr_array":
     """The matrix as it is, or with all its zeros where these are few."""
-    return matrix.toarray() if matrix.nnz > _FULL * matrix.shape[0] * matrix.shape[1] else matrix
+    return matrix.toarray() if matrix.nnz > _FULL * float(np.prod(np.array(matrix.shape))) else matrix
 
 
 def _solve_dense(reduced: Reduced, right: Floats) -> Floats:
