@@ -255,7 +255,7 @@ def _least_squares_stage(
     expected = _Expected(fit.noise, priors, fit.free, systematic_errors(problem, observations))
     inliers, values, seen = fit.inliers, np.zeros(len(expected.errors.held)), observations
     state, used = fit.adjustment.state, observations.with_weights(inliers.weights)
-    near, rounds, reached = False, 0, None
+    near, rounds, reached, before = False, 0, None, None
     while True:
         rounds += 1
         if not near:
@@ -263,8 +263,16 @@ def _least_squares_stage(
                 used, state, expected.free, expected.noise, most_steps=_MOST_STEPS, tables=tables, tolerance=ROUGH
             )
             state, costs = found.state, costs + found.costs[:-1]
-        end = _end(expected, values, used, state, tables, fold)
-        costs = costs + end.adjustment.costs
+        try:
+            end = _end(expected, values, used, state, tables, fold)
+        except np.linalg.LinAlgError:
+            if before is None:
+                raise
+            # A far step ended where rounding leaves nothing determined: what stood before it is where this goes on.
+            end, state, values = before, before.adjustment.state, before.values
+            used = expected.errors.corrected(observations, values).with_weights(inliers.weights)
+            break
+        costs, before = costs + end.adjustment.costs, end
         then = None
         if end.bordered.fall < _NEAR:
             reached = expected, end, used, inliers
