@@ -76,11 +76,13 @@ _NEAR = 10.0
 _HALVINGS = 8
 # A pose that the motion does not show is held to a millimetre and a thousandth of a radian (1/m^2, 1/rad^2).
 _HELD = 1e6
-# Rounds of rejecting and taking back corners: the second rarely changes anything, but few Views lead a fit along a
-# bent valley.
+# Rounds of rejecting and taking back corners: the second rarely changes anything.
+_ROUNDS = 10
+# Few Views lead a fit along a bent valley, which it follows for so many while the errors that it finds are likely.
 _MOST_ROUNDS = 40
-# Rounds in which what a fit expects is learned, where it stands or moving with it: three or four are usual. A fit
-# that was near its minimum and is not there after so many is led away by what it learns.
+# Chi-square of likely errors, in sigmas of its own beyond their number: some prints and lenses vary more than others.
+_LIKELY = 5.0
+# Rounds in which what a fit expects is learned where it stands: three or four are usual.
 _LEARNING_ROUNDS = 10
 
 
@@ -252,8 +254,9 @@ def _least_squares_stage(
     """Least squares until inliers, systematic errors and what is expected of noise and lenses stay the same, and the
     covariance."""
     tables, fold, costs = fit.adjustment.tables, folds_of(problem), fit.adjustment.costs
-    expected = _Expected(fit.noise, priors, fit.free, systematic_errors(problem, observations))
-    inliers, values, seen = fit.inliers, np.zeros(len(expected.errors.held)), observations
+    errors = systematic_errors(problem, observations)
+    expected = _Expected(fit.noise, priors, fit.free, errors)
+    inliers, values, seen = fit.inliers, np.zeros(len(errors.held)), observations
     state, used = fit.adjustment.state, observations.with_weights(inliers.weights)
     near, rounds, reached, before = False, 0, None, None
     while True:
@@ -291,7 +294,8 @@ def _least_squares_stage(
         contradicted = _contradicted(problem, observations, inliers)
         if contradicted:
             return contradicted
-        if rounds == _MOST_ROUNDS or (rounds == _LEARNING_ROUNDS and reached is not None):
+        # A fit that was near its minimum and is not there after so many is led away by what it learns.
+        if rounds >= (_MOST_ROUNDS if reached is None and _are_likely(expected.errors, values) else _ROUNDS):
             break
     if end.bordered.fall > _NEAR:
         if reached is not None:
@@ -300,9 +304,16 @@ def _least_squares_stage(
         # Few Views of one camera may bend sheet, lens and focal against one another along a long valley: what was not
         # reached is no solution, and the misfit stays in the noise.
         state, values, used = fit.adjustment.state, np.zeros_like(values), observations.with_weights(inliers.weights)
+        expected = replace(expected, errors=errors)
     found = adjust(used, state, expected.free, expected.noise, most_steps=_MOST_STEPS, tables=tables)
     end = _end(expected, values, used, found.state, tables, fold)
     return _joint(problem, expected, end, used, inliers, costs)
+
+
+def _are_likely(errors: SystematicErrors, values: Floats) -> bool:
+    """Whether priors expect errors as large as these values (U,)."""
+    count = len(values)
+    return float(values @ errors.pull(values)) < count + _LIKELY * np.sqrt(2 * count)
 
 
 def _joint(
