@@ -15,11 +15,10 @@ from quadrig.rig.adjustment.schur import reduced_inverse
 from quadrig.rig.adjustment.state import State
 from quadrig.rig.adjustment.systematic_errors import SystematicErrors, systematic_errors
 from quadrig.rig.adjustment.tables import tables_of
-from quadrig.rig.adjustment.twist_jacobians import step_by_camera_twist
 from quadrig.rig.problem.build import Problem, build_problem
 from quadrig.rig.problem.layouts import body_of
 from quadrig.single.arrays import Floats
-from quadrig.single.pose import stacked
+from quadrig.single.pose import stacked, step_by_camera_twist
 
 # What the truth has none of is held at zero by so much, 1/px^2.
 _NONE = 1e9

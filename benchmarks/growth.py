@@ -26,10 +26,9 @@ from quadrig.rig.adjustment.priors import estimated_lenses, first_priors
 from quadrig.rig.adjustment.schur import unit_covariances
 from quadrig.rig.adjustment.state import State
 from quadrig.rig.adjustment.tables import tables_of
-from quadrig.rig.adjustment.twist_jacobians import step_by_camera_twist
 from quadrig.rig.calibration import calibrate
 from quadrig.rig.problem.build import build_problem
-from quadrig.single.pose import stacked
+from quadrig.single.pose import stacked, step_by_camera_twist
 
 FRAMESETS = 100
 CAMERAS = (4, 8, 16, 32, 64, 128, 256, 512, 1000)

@@ -5,12 +5,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from quadrig.rig.adjustment.twist_jacobians import step_by_left_twist
 from quadrig.rig.result import CAMERA_PARAMETERS, Camera, Rig
 from quadrig.single.arrays import Floats, Ints, Mask
 from quadrig.single.errors import QuadrigError
 from quadrig.single.lens import LENS_PARAMETERS
-from quadrig.single.pose import Pose
+from quadrig.single.pose import Pose, step_by_left_twist
 
 PARTS = ("focal", "lens", "position", "rotation", "pose")
 """What is tested of each camera: its focal, all of its lens, position and rotation, and these two together."""

@@ -20,7 +20,6 @@ import numpy as np
 from quadrig.rig.adjustment.bordered import expand
 from quadrig.rig.adjustment.levenberg_marquardt import lens_covariances
 from quadrig.rig.adjustment.schur import dense_matrix, unit_covariances
-from quadrig.rig.adjustment.twist_jacobians import step_by_camera_twist
 from quadrig.rig.doubt.information import scaled_inverse
 from quadrig.rig.joint.cross_validation import cross_validate
 from quadrig.rig.joint.residual_noise import residual_sum
@@ -37,7 +36,7 @@ from quadrig.rig.words import length
 from quadrig.single.arrays import Floats, Ints, Mask
 from quadrig.single.errors import QuadrigError
 from quadrig.single.lens import LENS_PARAMETERS
-from quadrig.single.pose import Pose
+from quadrig.single.pose import Pose, step_by_camera_twist
 from quadrig.single.posterior.noise import EXPECTED_WEIGHT, noise_of
 from quadrig.single.rectangle import WORLD, Rectangle
 from quadrig.single.view import View

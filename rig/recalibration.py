@@ -8,7 +8,6 @@ import numpy as np
 from quadrig.rig.adjustment.levenberg_marquardt import adjust, undamped
 from quadrig.rig.adjustment.schur import dense_matrix
 from quadrig.rig.adjustment.state import LENS
-from quadrig.rig.adjustment.twist_jacobians import step_by_camera_twist
 from quadrig.rig.joint.assemble import assemble_rig, camera_covariance
 from quadrig.rig.joint.stages import Contradicted, Joint, solve_jointly
 from quadrig.rig.problem.build import Problem, build_problem, of_cameras
@@ -20,7 +19,7 @@ from quadrig.rig.start.pose_graph import FirstRig, first_rig
 from quadrig.single.arrays import Floats, Ints, Mask
 from quadrig.single.errors import QuadrigError
 from quadrig.single.lens import LENS_PARAMETERS
-from quadrig.single.pose import Pose
+from quadrig.single.pose import Pose, step_by_camera_twist
 from quadrig.single.rectangle import Rectangle
 from quadrig.single.view import View
 

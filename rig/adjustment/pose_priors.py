@@ -5,9 +5,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from quadrig.rig.adjustment.state import State
-from quadrig.rig.adjustment.twist_jacobians import step_by_left_twist
 from quadrig.single.arrays import Floats
-from quadrig.single.pose import Pose, stacked
+from quadrig.single.pose import Pose, stacked, step_by_left_twist
 
 
 @dataclass(frozen=True, eq=False)

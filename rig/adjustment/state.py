@@ -6,11 +6,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from quadrig.rig.adjustment.motion import Motion
-from quadrig.rig.adjustment.twist_jacobians import step_by_inner_twist
 from quadrig.rig.problem.observations import Observations
 from quadrig.single.arrays import Floats, Ints
 from quadrig.single.lens import LENS_PARAMETERS
-from quadrig.single.pose import Pose, stacked
+from quadrig.single.pose import Pose, stacked, step_by_inner_twist
 
 LENS = len(LENS_PARAMETERS)
 

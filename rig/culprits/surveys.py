@@ -5,13 +5,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from quadrig.rig.adjustment.pose_priors import LayoutPrior
-from quadrig.rig.adjustment.twist_jacobians import step_by_left_twist
 from quadrig.rig.joint.clock_rounds import Solved
 from quadrig.rig.joint.placed import layout_covariance
 from quadrig.rig.problem.build import Problem, with_sheet
 from quadrig.rig.problem.layouts import body_of
 from quadrig.rig.words import length
 from quadrig.single.arrays import Floats
+from quadrig.single.pose import step_by_left_twist
 
 # One calibration in a thousand of surveys that hold accuses an entry, however many entries there are.
 _BY_CHANCE = 1e-3

@@ -7,7 +7,6 @@ import numpy as np
 from quadrig.rig.adjustment.motion import CLOCK, CLOCK_INFORMATION
 from quadrig.rig.adjustment.normal_equations import residual_squares, residuals
 from quadrig.rig.adjustment.state import LENS
-from quadrig.rig.adjustment.twist_jacobians import step_by_camera_twist
 from quadrig.rig.blas_threads import one_thread
 from quadrig.rig.doubt.student import student_widening
 from quadrig.rig.doubt.weaknesses import weaknesses
@@ -28,6 +27,7 @@ from quadrig.rig.start.pose_graph import FirstRig
 from quadrig.single.arrays import Floats, Ints, Mask
 from quadrig.single.lens import LENS_PARAMETERS, project
 from quadrig.single.lens_prior import CLASS_NAMES
+from quadrig.single.pose import step_by_camera_twist
 
 # A line time is known where Views say three times as much of it as the prior does, s a row.
 _KNOWN_LINE = 0.5 / np.sqrt(CLOCK_INFORMATION[1])

@@ -9,7 +9,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from quadrig.rig.adjustment.twist_jacobians import step_by_left_twist
 from quadrig.rig.joint.stages import Joint
 from quadrig.rig.problem.build import Problem
 from quadrig.rig.problem.layouts import body_of
@@ -17,7 +16,7 @@ from quadrig.rig.start.hand_eye import NO_EVIDENCE
 from quadrig.rig.start.motion_ties import MotionTie
 from quadrig.rig.start.shown_by_motion import REAL, shown_by_motion
 from quadrig.single.arrays import Floats
-from quadrig.single.pose import Pose
+from quadrig.single.pose import Pose, step_by_left_twist
 
 # Sigmas of what nothing is known of: a turn that may be any (rad, a whole turn's), and a position (m): no rig is
 # larger.

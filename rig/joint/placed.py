@@ -5,13 +5,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from quadrig.rig.adjustment.systematic_errors import sheet_rows
-from quadrig.rig.adjustment.twist_jacobians import step_by_inner_twist, step_by_left_twist
 from quadrig.rig.joint.stages import Joint
 from quadrig.rig.problem.build import Problem
 from quadrig.rig.problem.layouts import body_of, sheets_of
 from quadrig.rig.result import PlacedBody, PlacedRectangle
 from quadrig.single.arrays import Floats, Ints, Mask
-from quadrig.single.pose import Pose, stacked
+from quadrig.single.pose import Pose, stacked, step_by_inner_twist, step_by_left_twist
 from quadrig.single.posterior.sheet_shape import SheetShape
 
 

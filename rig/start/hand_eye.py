@@ -10,10 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from quadrig.rig.adjustment.twist_jacobians import step_by_inner_twist, step_by_left_twist
 from quadrig.rig.start.shown_by_motion import REAL, Shown, shown_by_motion
 from quadrig.single.arrays import Floats, Ints, Mask
-from quadrig.single.pose import Pose
+from quadrig.single.pose import Pose, step_by_inner_twist, step_by_left_twist
 from quadrig.single.rotation import nearest_rotation, rotation_from_vector, vector_from_rotation
 
 # Framesets that both must share: fewer motions fix X by chance.

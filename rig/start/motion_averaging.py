@@ -6,9 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from quadrig.rig.adjustment.twist_jacobians import step_by_inner_twist
 from quadrig.single.arrays import Floats, Ints
-from quadrig.single.pose import Pose
+from quadrig.single.pose import Pose, step_by_inner_twist
 
 if TYPE_CHECKING:
     import scipy.sparse

@@ -2,7 +2,14 @@
 
 import numpy as np
 
-from quadrig.single.pose import Pose, compose_jacobians, inverse_jacobian
+from quadrig.single.pose import (
+    Pose,
+    compose_jacobians,
+    inverse_jacobian,
+    step_by_camera_twist,
+    step_by_inner_twist,
+    step_by_left_twist,
+)
 
 
 def some(count=None, seed=0):
@@ -77,3 +84,24 @@ def test_a_chain_moves_with_its_links_as_the_jacobians_say():
     np.testing.assert_allclose(
         by_right, differences(lambda step: both.step_to(left @ right.retract(step))), atol=1e-9
     )
+
+
+def test_a_twist_before_the_pose():
+    pose = some(seed=1)
+    slope = differences(lambda twist: pose.step_to(Pose.from_twist(twist) @ pose))
+    np.testing.assert_allclose(step_by_left_twist(pose), slope, atol=1e-8)
+
+
+def test_a_twist_within_a_chain():
+    first, second = some(seed=2), some(seed=3)
+    slope = differences(lambda twist: (first @ second).step_to(first @ Pose.from_twist(twist) @ second))
+    np.testing.assert_allclose(step_by_inner_twist(first.rotation, second.translation), slope, atol=1e-8)
+
+
+def test_a_twist_of_a_camera():
+    rig_from_camera = some(seed=4)
+
+    def step(twist):
+        return rig_from_camera.step_to((rig_from_camera.inverse() @ Pose.from_twist(twist)).inverse())
+
+    np.testing.assert_allclose(step_by_camera_twist(rig_from_camera), differences(step), atol=1e-9)

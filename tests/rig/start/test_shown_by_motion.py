@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from quadrig.rig.adjustment.twist_jacobians import step_by_left_twist
 from quadrig.rig.start.shown_by_motion import REAL, adjoint, shown_by_motion
-from quadrig.single.pose import Pose
+from quadrig.single.pose import Pose, step_by_left_twist
 
 SIGMAS = np.array([4e-4, 4e-4, 1e-4, 2e-4, 2e-4, 8e-4])
 AXIS, POINT = np.array([0.36, 0.48, 0.8]), np.array([0.3, -0.2, 0.5])
