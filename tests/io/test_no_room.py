@@ -2,6 +2,7 @@
 
 import errno
 import os
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from io import StringIO
@@ -25,11 +26,14 @@ resource = pytest.importorskip("resource")
 def no_room(bytes_left: int) -> Iterator[None]:
     """No file grows beyond these bytes: for whoever writes it is as if the disk were full."""
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    # Python would cut off the bytecode of what is imported meanwhile, and never read it again without an error.
+    bytecode, sys.dont_write_bytecode = sys.dont_write_bytecode, True
     resource.setrlimit(resource.RLIMIT_FSIZE, (bytes_left, hard))
     try:
         yield
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+        sys.dont_write_bytecode = bytecode
 
 
 def contents(folder: Path) -> dict[str, bytes]:
